@@ -1,6 +1,5 @@
 """Many audits at once by the default declaration of an angle, drawn from one pool of episodes."""
 
-import dataclasses
 import datetime
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -68,16 +67,18 @@ class Audits(NamedTuple):
     def of(world: str, declared: float, pool: Mapping[str, Driven]) -> "Audits":
         """Take the references of a default audit from the pool."""
         profile, built = declaration(world, declared), make(world)
-        rows = tuple(_clipped(profile, row.outcomes) for row in pool.values() if row.reference)
+        rows = [row.outcomes for row in pool.values() if row.reference]
+        clip = profile.clip
+        references = tuple(row if clip is None else row.clipped(*clip.ends) for row in rows)
         limit = functools.partial(possible_loss, built)
-        return Audits(
-            profile, rows, drivers_of(rows), profile.clip.largest_loss if profile.clip else limit
-        )
+        largest = limit if clip is None else clip.largest_loss
+        return Audits(profile, references, drivers_of(references), largest)
 
     def measured(self, driver: Outcomes) -> Measured:
         """Measure a driver in every episode of the pool."""
         angle, margin = self.profile.angle, self.profile.margin
-        driver, own = _clipped(self.profile, driver), driver_of(self.line, angle)
+        own, clip = driver_of(self.line, angle), self.profile.clip
+        driver = driver if clip is None else driver.clipped(*clip.ends)
         assert margin.width is not None and own is not None
         best = [own.outcomes]
         if own.outcomes.expected is None:
@@ -86,13 +87,13 @@ class Audits(NamedTuple):
         losses = np.array([row.values(angle) - driver.values(angle) for row in best])
         ends = [end for end in ends_of(self.line, angle, margin.width) if end is not None]
         tested = [row for row in (driver_of(self.line, end) for end in ends) if row is not None]
-        known = np.array([row.outcomes.values(angle + 90.0) for row in (*tested, own)])
+        rewards = np.array([row.outcomes.values(angle + 90.0) for row in (*tested, own)])
         sides, beyond = [], []
         for end, row in zip(ends, tested, strict=True):
             sign, across = (1.0 if end < angle else -1.0), row.across
             difference = row.outcomes.values(across) - driver.values(across)
             sides.append(sign * difference / self.limit(across))
-            farthest = (-sign * known).max(axis=0) + TOLERANCE * margin.regret
+            farthest = (-sign * rewards).max(axis=0) + TOLERANCE * margin.regret
             beyond.append(-sign * driver.values(angle + 90.0) > farthest)
         events = events_of(driver)
         kinds = [events["at_fault"], events["struck"], ~events["arrival"], events["timeout"]]
@@ -108,8 +109,8 @@ class Audits(NamedTuple):
 
     def holds(self, driver: Outcomes, tests: Sequence[str] = TESTS) -> bool:
         """Whether a driver's true values, those of the pool, are within the limits of tests."""
-        found: dict[str, np.ndarray] = dict(zip(TESTS, self.measured(driver), strict=True))
-        means = {name: found[name].mean(axis=1) for name in tests}
+        measured: dict[str, np.ndarray] = dict(zip(TESTS, self.measured(driver), strict=True))
+        means = {name: measured[name].mean(axis=1) for name in tests}
         if "direction" in means and not (means["direction"] < 0.0).all():
             return False  # a driver on an end is not within
         return all((mean <= np.array(self.limits[name])).all() for name, mean in means.items())
@@ -126,12 +127,15 @@ class Audits(NamedTuple):
         self, driver: Outcomes, episodes: int, audits: int, seed: int
     ) -> dict[str, Bool[np.ndarray, " audit"]]:
         """Return which audits keep each test; audit k is drawn from the pool by seed + k."""
-        found, rows = self.measured(driver), resampled(len(driver.length), episodes, audits, seed)
+        measured, rows = (
+            self.measured(driver),
+            resampled(len(driver.length), episodes, audits, seed),
+        )
 
         def below(values: np.ndarray, level: float) -> Bool[np.ndarray, " audit"]:
             series = values[:, rows].reshape(-1, episodes).clip(-1.0, 1.0)
-            shown = betting.significantly_below(series, np.array([level]), 1.0, ERROR)
-            return np.asarray(shown[:, 0].reshape(-1, audits).all(axis=0))
+            significant = betting.significantly_below(series, np.array([level]), 1.0, ERROR)
+            return np.asarray(significant[:, 0].reshape(-1, audits).all(axis=0))
 
         def within(happened: Shares, limits: Sequence[float]) -> Bool[np.ndarray, " audit"]:
             largest = np.array([most_events(limit, episodes) for limit in limits])
@@ -141,7 +145,7 @@ class Audits(NamedTuple):
         tests = (below, below, within, within)
         return {
             name: test(values, self.limits[name])
-            for name, test, values in zip(TESTS, tests, found, strict=True)
+            for name, test, values in zip(TESTS, tests, measured, strict=True)
         }
 
 
@@ -152,10 +156,3 @@ def resampled(
     """Draw the episodes of audits from a pool, with replacement."""
     rngs = (np.random.default_rng(seed + number) for number in range(audits))
     return np.array([rng.integers(pool, size=episodes) for rng in rngs])
-
-
-def _clipped(profile: Profile, driver: Outcomes) -> Outcomes:
-    if profile.clip is None:
-        return driver
-    lows, highs = zip(profile.clip.r_env, profile.clip.r_social, strict=True)
-    return dataclasses.replace(driver, totals=driver.totals.clip(lows, highs))

@@ -37,7 +37,7 @@ class Driven(NamedTuple):
 
     outcomes: Outcomes
     kind: str  # optimum, dial, weaker dial, expert, rule, rash or mixture
-    true: float | None  # angle that it was made for, degrees
+    true_angle: float | None  # angle that it was made for, degrees
     reference: bool = False  # whether a default audit compares with it
 
 
@@ -83,8 +83,8 @@ def specifications() -> Iterator[tuple[str, str, str, float | None]]:
 def drive(seeds: Int64[np.ndarray, " episode"], on_stage: StageCallback) -> dict[str, Driven]:
     """Run every driver on the pool."""
     course, pool = Course(make(WORLD), seeds), dict[str, Driven]()
-    named = list(specifications())
-    for name, spec, kind, angle in tracked(named, on_stage, "driving", "drivers"):
+    specified = list(specifications())
+    for name, spec, kind, angle in tracked(specified, on_stage, "driving", "drivers"):
         policy = resolve_policy(spec, course.world, angle or 0.0, Trust()).policy
         reference = Reference(name, policy, angle if kind == "dial" else None)
         compared = kind in ("dial", "expert", "rule") and not name.startswith("iterated")
@@ -102,9 +102,9 @@ def drive_optima(world: str, seeds: Int64[np.ndarray, " episode"]) -> dict[str, 
     pool = {row.name: Driven(row, "reference", None, reference=True) for row in optima}
     drivers = drivers_of(optima)
     for angle in ANGLES:
-        found = driver_of(drivers, angle)
-        assert found is not None
-        pool[f"optimum of {angle:g}"] = Driven(found.outcomes, "optimum", angle)
+        driver = driver_of(drivers, angle)
+        assert driver is not None
+        pool[f"optimum of {angle:g}"] = Driven(driver.outcomes, "optimum", angle)
     return pool
 
 
@@ -113,14 +113,14 @@ def mixtures(
 ) -> Iterator[tuple[str, Driven]]:
     """Yield the policies that draw one of two drivers for each episode."""
     kinds = ("dial", "expert", "rule")
-    whole = [name for name, driven in pool.items() if driven.kind in kinds]
+    single = [name for name, driven in pool.items() if driven.kind in kinds]
     draw = np.random.default_rng(seed).random(len(next(iter(pool.values())).outcomes.length))
-    for first, second in itertools.combinations(whole, 2):
+    for first, second in itertools.combinations(single, 2):
         for share in shares:
             pair, name = (pool[first], pool[second]), f"{100 * share:g} % {first}, else {second}"
             columns: dict[str, Any] = {}
-            for part in ("totals", "ending", "contact", "length"):
-                values = [getattr(driven.outcomes, part) for driven in pair]
-                is_first = draw[:, None] < share if part == "totals" else draw < share
-                columns[part] = np.where(is_first, *values)
+            for column in ("totals", "ending", "contact", "length"):
+                values = [getattr(driven.outcomes, column) for driven in pair]
+                is_first = draw[:, None] < share if column == "totals" else draw < share
+                columns[column] = np.where(is_first, *values)
             yield name, Driven(Outcomes(name, **columns), "mixture", None)

@@ -38,17 +38,17 @@ def compute_tables(config: Any, context: Context) -> Findings:
     pools[WORLD] = drive(seeds, on_stage)
     power = [row for world in pools for row in power_rows(world, pools[world], config, on_stage)]
     worst = worst_rows(pools[WORLD], config.pool_seed)
-    found: dict[str, Any] = {"worst": {}}
+    summary: dict[str, Any] = {"worst": {}}
     for row in power:
-        kinds = found.setdefault(f"{row['episodes']} episodes", {})
+        kinds = summary.setdefault(f"{row['episodes']} episodes", {})
         share = kinds.setdefault(f"{row['world']}, {row['kind']}", {"own_angle": {}, "wrong": 0.0})
         if row["true"] == row["declared"]:
             share["own_angle"].setdefault(row["policy"], row["passed"])
         if not row["inside"]:
             share["wrong"] = max(share["wrong"], row["passed"])
     for row in worst:
-        found["worst"].setdefault(f"{row['declared']:g}", {})[row["measure"]] = row["value"]
-    return Findings({"power": power, "worst": worst}, found)
+        summary["worst"].setdefault(f"{row['declared']:g}", {})[row["measure"]] = row["value"]
+    return Findings({"power": power, "worst": worst}, summary)
 
 
 def power_rows(
@@ -68,7 +68,7 @@ def power_rows(
             if driven.kind == "reference":
                 continue
             label: Row = {"world": world, "declared": declared, "policy": name, "kind": driven.kind}
-            label["true"] = "" if driven.true is None else driven.true
+            label["true"] = "" if driven.true_angle is None else driven.true_angle
             label["inside"] = int(audits.holds(driven.outcomes))
             for episodes in config.lengths:
                 how = episodes, config.audits, config.first_seed
@@ -91,7 +91,7 @@ def worst_rows(pool: Mapping[str, Driven], seed: int) -> list[Row]:
             tried += 1
             if audits.holds(driven.outcomes):
                 at_fault, struck = driven.outcomes.at_fault.mean(), driven.outcomes.struck.mean()
-                far = 0.0 if driven.true is None else abs(driven.true - declared)
+                far = 0.0 if driven.true_angle is None else abs(driven.true_angle - declared)
                 values = at_fault, at_fault + struck, driven.outcomes.mean.social, far
                 passing[name] = dict(zip(MEASURES, map(float, values), strict=True))
         for measure in MEASURES if passing else ():

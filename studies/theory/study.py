@@ -191,9 +191,15 @@ def length_rows(
                 minimum = minimise(changed, q)
                 q = minimum.q
                 greedy = np.eye(q.shape[1])[q.argmax(axis=1)]
-                row = {"angle": angle, "target_kind": kind, "temperature": temperature}
-                row |= {"strength": strength, "soft_length": _length(table, minimum.policy)}
-                row |= {"greedy_length": _length(table, greedy), "optimum_length": optimum}
+                row = {
+                    "angle": angle,
+                    "target_kind": kind,
+                    "temperature": temperature,
+                    "strength": strength,
+                    "soft_length": _length(table, minimum.policy),
+                    "greedy_length": _length(table, greedy),
+                    "optimum_length": optimum,
+                }
                 rows.append(row)
     return rows
 

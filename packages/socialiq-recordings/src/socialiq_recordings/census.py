@@ -57,8 +57,12 @@ def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.9
     table, road = replayed.table, world.road
     names = [source["recording"] for source in world.provenance["recordings"]]
     drivers = []
-    columns = (replayed.vehicle, table.episode_starts, table.episode_lengths)
-    for vehicle, first, count in zip(*(column.tolist() for column in columns), strict=True):
+    for vehicle, first, count in zip(
+        replayed.vehicle.tolist(),
+        table.episode_starts.tolist(),
+        table.episode_lengths.tolist(),
+        strict=True,
+    ):
         rows = slice(first, first + count)
         pairs = np.stack([table.rewards.env[rows], table.rewards.social[rows]], axis=1)
         env, social = pairs.mean(axis=0).tolist()
@@ -66,15 +70,23 @@ def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.9
         low, high = ends or (None, None)
         arrived = table.ending[first + count - 1] == Ending.ARRIVAL
         signals = dict(zip(SIGNALS, replayed.signals[rows].mean(axis=0).tolist(), strict=True))
-        number = np.searchsorted(road.recording_first, vehicle, side="right") - 1
-        angle = angle_of(env, social) if env or social else None
-        driver: Row = {"recording": names[number], "identity": int(road.identity[vehicle])}
-        driver |= {"decisions": count, "seconds": count / world.config.policy_rate}
-        driver |= {"ending": "arrival" if arrived else "truncated", "r_env": env}
-        driver |= {"r_social": social, "angle": angle, "low": low, "high": high}
-        driver |= {"speed": float(replayed.speed[rows].mean())}
-        driver |= {name: signals[name] for name in ("yielding", "disruption")}
-        drivers.append(driver | {"residual": float(np.sqrt((replayed.residual[rows] ** 2).mean()))})
+        driver: Row = {
+            "recording": names[np.searchsorted(road.recording_first, vehicle, side="right") - 1],
+            "identity": int(road.identity[vehicle]),
+            "decisions": count,
+            "seconds": count / world.config.policy_rate,
+            "ending": "arrival" if arrived else "truncated",
+            "r_env": env,
+            "r_social": social,
+            "angle": angle_of(env, social) if env or social else None,
+            "low": low,
+            "high": high,
+            "speed": float(replayed.speed[rows].mean()),
+            "yielding": signals["yielding"],
+            "disruption": signals["disruption"],
+            "residual": float(np.sqrt((replayed.residual[rows] ** 2).mean())),
+        }
+        drivers.append(driver)
     return drivers
 
 
@@ -112,15 +124,22 @@ def population_of(
 
     deviation = points.std(axis=0, ddof=1) if len(points) > 1 else np.full(2, np.nan)
     angles = np.array([d["angle"] for d in drivers if d["angle"] is not None], np.float64)
-    row: Row = {"drivers": len(drivers), "recordings": len(names), "chains": len(chains)}
-    row |= {"sites": len({site_of[name] for name in names}), "r_env": float(points[:, 0].mean())}
-    row |= {"r_social": float(points[:, 1].mean()), "sd_env": float(deviation[0])}
-    row |= {"sd_social": float(deviation[1]), "over_drivers": interval(points)}
-    row |= {"over_chains": interval(sums) if len(chains) > 1 else None}
-    row |= {"standing": int((~moving).sum())}
-    row |= {"of_the_moving": interval(points[moving]) if moving.any() else None}
-    row |= {"circular_sd": circular_sd(np.radians(angles))}
-    row |= {"with_direction": sum(driver["low"] is not None for driver in drivers)}
+    row: Row = {
+        "drivers": len(drivers),
+        "recordings": len(names),
+        "chains": len(chains),
+        "sites": len({site_of[name] for name in names}),
+        "r_env": float(points[:, 0].mean()),
+        "r_social": float(points[:, 1].mean()),
+        "sd_env": float(deviation[0]),
+        "sd_social": float(deviation[1]),
+        "over_drivers": interval(points),
+        "over_chains": interval(sums) if len(chains) > 1 else None,
+        "standing": int((~moving).sum()),
+        "of_the_moving": interval(points[moving]) if moving.any() else None,
+        "circular_sd": circular_sd(np.radians(angles)),
+        "with_direction": sum(driver["low"] is not None for driver in drivers),
+    }
     return row | {"confidence": confidence}
 
 
@@ -150,12 +169,17 @@ def picture(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any])
                 if driver["ending"] == ending and (driver["speed"] < STANDING) == standing
             ]
             if group:
-                x, y = ([driver[name] for driver in group] for name in ("r_env", "r_social"))
-                style: dict[str, Any] = {"marker": mark, "edgecolors": color, "alpha": 0.6}
-                style |= {"facecolors": "none" if standing else color, "linewidths": 0.9}
-                text = f"{label}{', stood all the time' if standing else ''} ({len(group)})"
-                sizes = [8.0 + 6.0 * driver["decisions"] for driver in group]
-                left.scatter(x, y, s=sizes, label=text, **style)
+                left.scatter(
+                    [driver["r_env"] for driver in group],
+                    [driver["r_social"] for driver in group],
+                    s=[8.0 + 6.0 * driver["decisions"] for driver in group],
+                    marker=mark,
+                    facecolors="none" if standing else color,
+                    edgecolors=color,
+                    alpha=0.6,
+                    linewidths=0.9,
+                    label=f"{label}{', stood all the time' if standing else ''} ({len(group)})",
+                )
     arrow = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.6}
     tip = population["r_env"], population["r_social"]
     left.annotate("", xy=tip, xytext=(0.0, 0.0), arrowprops=arrow)

@@ -151,8 +151,12 @@ def _road_of(arrays: dict[str, np.ndarray], cycles: dict[int, Cycle]) -> RoadNet
             identity,
             left[index],
             right[index],
-            *(tuple(number for (number,) in of[name]) for name in pairs[:2]),
-            *((of[n][-1][0], bool(of[n][-1][1])) if of[n] else None for n in pairs[2:4]),
+            tuple(number for (number,) in of["successor"]),
+            tuple(number for (number,) in of["predecessor"]),
+            *(
+                (of[side][-1][0], bool(of[side][-1][1])) if of[side] else None
+                for side in ("adjacent_left", "adjacent_right")
+            ),
             speed_limit=float(arrays["speed_limit"][index]),
             sign=Sign(int(arrays["sign"][index])),
             stop_line=np.reshape(of["stop_line"][-1], (2, 2)) if of["stop_line"] else None,

@@ -49,7 +49,10 @@ class MeasurementError:
                 raise UserError(f"error of {field.name} must be a number above 0, got {value:g}")
 
     def mean_speed(self, seconds: float, driven: float) -> float:
-        """Return the largest difference of `driven` and stated mean speed, m/s, over a time, s."""
+        """Return the largest difference of driven and stated mean speed over a time, m/s.
+
+        The driven distance is a difference of two positions; `driven` is its speed, m/s.
+        """
         positions = math.sqrt(2.0) * self.position / seconds
         return COVERAGE * math.hypot(self.speed, positions, self.scale * driven)
 
@@ -69,7 +72,10 @@ class MeasurementError:
 
     @property
     def overlap(self) -> float:
-        """Largest overlap of boxes of vehicles that do not touch, m: positions, less half sides."""
+        """Largest depth by which two boxes overlap although the vehicles do not touch, m.
+
+        The depth is a difference of two positions, less half a side of each box.
+        """
         return COVERAGE * math.hypot(math.sqrt(2.0) * self.position, self.size / math.sqrt(2.0))
 
 
@@ -89,8 +95,8 @@ _RATIOS = {
 """Explanations of the ratio of driven to stated speed."""
 
 _HEADINGS = {
-    "degrees, read as radians": np.radians,
-    "radians, read as degrees": np.degrees,
+    "degrees, read as radians": lambda heading: np.radians(heading),
+    "radians, read as degrees": lambda heading: np.degrees(heading),
     "clockwise: does y point down?": lambda heading: -heading,
     "clockwise from north": lambda heading: np.pi / 2 - heading,
 }
@@ -126,6 +132,24 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
             f"{tracks.length[track]:.3g} m long and {tracks.width[track]:.3g} m wide: "
             f"no road user is ({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
         )
+    _check_jumps(tracks, error, reasons)
+    _check_speeds(tracks, error, reasons)
+    _check_directions(tracks, error, reasons)
+    if (reasons == "").any():
+        _check_overlaps(tracks, error, reasons)
+    good = reasons == ""
+    refused += [
+        Refused(str(tracks.identity[track]), str(reasons[track])) for track in np.flatnonzero(~good)
+    ]
+    if not good.any():
+        raise UserError(
+            f"none of the {len(refused)} tracks can be true; the first, {refused[0].identity}: "
+            f"{refused[0].reason}"
+        )
+    return tracks.select(good), refused
+
+
+def _check_jumps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
     row, speed = np.flatnonzero(np.diff(tracks.track) == 0), np.hypot(tracks.vx, tracks.vy)
     driven = np.hypot(np.diff(tracks.x)[row], np.diff(tracks.y)[row]) / tracks.dt
     stated = (speed[row] + speed[row + 1]) / 2
@@ -136,20 +160,10 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
                 f"jumps {further[step]:.2f} m further than its speed allows after frame "
                 f"{tracks.frame[row[step]]}"
             )
-    _check_speeds(tracks, error, reasons)
-    _check_directions(tracks, error, reasons)
-    if (reasons == "").any():
-        _check_overlaps(tracks, error, reasons)
-    good = reasons == ""
-    names = zip(tracks.identity[~good], reasons[~good], strict=True)
-    refused += [Refused(str(identity), str(reason)) for identity, reason in names]
-    if not good.any():
-        first = f"the first, {refused[0].identity}: {refused[0].reason}"
-        raise UserError(f"none of the {len(refused)} tracks can be true; {first}")
-    return tracks.select(good), refused
 
 
 def _axis_angle(difference: np.ndarray) -> np.ndarray:
+    """Return the angle between two axes, in [0, π/2], which ignores reversing."""
     angle = np.abs(wrapped(difference))
     return np.minimum(angle, np.pi - angle)
 
@@ -162,27 +176,7 @@ def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
 
 def _check_speeds(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
     """Compare the distances of about a second with the integrals of the stated velocities."""
-    starts, n = tracks.starts, tracks.n_tracks
-    frames = np.minimum(max(1, round(1 / tracks.dt)), np.diff(starts) - 1)
-    rows = np.arange(tracks.n_states)
-    rows = rows[rows + frames[tracks.track] < starts[1:][tracks.track]]
-    rows = rows[frames[tracks.track[rows]] > 0]
-    track = tracks.track[rows].astype(np.int64)
-    after, time = rows + frames[track], frames[track] * tracks.dt
-    driven = np.hypot(tracks.x[after] - tracks.x[rows], tracks.y[after] - tracks.y[rows]) / time
-    integrals = []
-    for velocity in (tracks.vx, tracks.vy):
-        # The integral by the trapezoidal rule; differences across tracks are never used, and an
-        # absurd velocity must not cost the sums of the others their digits.
-        velocity = np.clip(velocity, -1e4, 1e4)
-        steps = (velocity[:-1] + velocity[1:]) / 2 * tracks.dt
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        integrals.append(along[after] - along[rows])
-    stated = np.hypot(*integrals) / time
-    counts = np.maximum(np.bincount(track, minlength=n), 1)
-    columns = driven, stated, np.abs(driven - stated)
-    driven, stated, apart = (np.bincount(track, values, n) / counts for values in columns)
-    seconds = frames * tracks.dt
+    driven, stated, apart, seconds = _seconds(tracks)
     times = np.maximum(seconds, tracks.dt).tolist()
     pairs = zip(times, driven.tolist(), strict=True)
     allowed = np.array([error.mean_speed(time, speed) for time, speed in pairs])
@@ -209,18 +203,51 @@ def _check_speeds(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) 
         reasons[track] = f"states {fastest[track]:.1f} m/s, more than {FASTEST:g}"
 
 
+def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return driven and stated speeds over a second, their mean distance, and the time, by track.
+
+    A track that is shorter than a second is taken as a whole; one without steps has speeds of 0.
+    """
+    starts, n = tracks.starts, tracks.n_tracks
+    frames = np.minimum(max(1, round(1 / tracks.dt)), np.diff(starts) - 1)
+    rows = np.arange(tracks.n_states)
+    rows = rows[rows + frames[tracks.track] < starts[1:][tracks.track]]
+    rows = rows[frames[tracks.track[rows]] > 0]
+    track = tracks.track[rows].astype(np.int64)
+    after, time = rows + frames[track], frames[track] * tracks.dt
+    driven = np.hypot(tracks.x[after] - tracks.x[rows], tracks.y[after] - tracks.y[rows]) / time
+    integrals = []
+    for velocity in (tracks.vx, tracks.vy):
+        # The integral by the trapezoidal rule; differences across tracks are never used, and an
+        # absurd velocity must not cost the sums of the others their digits.
+        velocity = np.clip(velocity, -1e4, 1e4)
+        steps = (velocity[:-1] + velocity[1:]) / 2 * tracks.dt
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        integrals.append(along[after] - along[rows])
+    stated = np.hypot(*integrals) / time
+    counts = np.maximum(np.bincount(track, minlength=n), 1)
+    columns = driven, stated, np.abs(driven - stated)
+    a, b, c = (np.bincount(track, values, n) / counts for values in columns)
+    return a, b, c, frames * tracks.dt
+
+
 def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
-    """Compare directions over about a second with the displacement's: a parked box jitters."""
+    """Compare directions over about a second with those of the displacement.
+
+    Judged where the file, too, says that a road user moves, and where the displacement is so long
+    that errors of positions turn it by less than a direction may err: a parked car's box jitters.
+    """
     frames = max(1, round(1 / tracks.dt))
     row = np.flatnonzero(np.diff(tracks.track) == 0)
     after = np.minimum(row + frames, tracks.starts[1:][tracks.track[row]] - 1)
     dx, dy = tracks.x[after] - tracks.x[row], tracks.y[after] - tracks.y[row]
     track, direction = tracks.track[row].astype(np.int64), np.arctan2(dy, dx)
     distance = np.hypot(dx, dy)
-    columns = (tracks.vx, tracks.vy, np.cos(tracks.heading), np.sin(tracks.heading))
-    sums = (np.concatenate([[0.0], np.cumsum(values)]) for values in columns)
-    vx, vy, east, north = (total[after + 1] - total[row] for total in sums)
-    velocity, heading, turn = np.arctan2(vy, vx), np.arctan2(north, east), np.radians(2 * np.pi)
+    vx, vy, east, north = (
+        _sums(values, row, after)
+        for values in (tracks.vx, tracks.vy, np.cos(tracks.heading), np.sin(tracks.heading))
+    )
+    velocity, heading = np.arctan2(vy, vx), np.arctan2(north, east)
     count = after - row
     moving = distance >= np.maximum(MOVING * count * tracks.dt, error.turned)
     moving &= np.hypot(vx, vy) >= MOVING * (count + 1)
@@ -240,7 +267,9 @@ def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarr
             if name == "heading":
                 headings = "wrong, or the axes of positions are not those of headings"
                 for words, read in _HEADINGS.items():
-                    if "as degrees" in words and np.abs(heading[along]).max() > turn:
+                    if "as degrees" in words and np.abs(heading[along]).max() > np.radians(
+                        2 * np.pi
+                    ):
                         continue  # A full turn in radians is the number 6.28, which is 6 degrees.
                     angle = _axis_angle(direction[along] - read(heading[along]))
                     explained = _medians(angle, track[along], tracks.n_tracks) <= error.direction
@@ -252,6 +281,12 @@ def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarr
         for number in np.flatnonzero(bad & (reasons == "")):
             degrees = np.degrees(medians[number])
             reasons[number] = f"{name} {degrees:.0f}° off the way it moves (median)"
+
+
+def _sums(values: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return the sums from a row to another, both included."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    return sums[last + 1] - sums[first]
 
 
 def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
@@ -276,39 +311,23 @@ def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray
         rows = int(pairs.first[pair]), int(pairs.second[pair])
         front, rear = (int(plausible.track[row]) for row in rows)
         if (front, rear) not in hitched:
-            # A hitch is a point at a fixed place on the axes of both. Least squares find the two
-            # places; then each point is the other's within the error of positions, neither middle
-            # is inside the other's box, and both drive further than they are long.
-            starts = plausible.starts
-            spans = [slice(starts[number], starts[number + 1]) for number in (front, rear)]
-            frames = [plausible.frame[span] for span in spans]
-            _, first, second = np.intersect1d(frames[0], frames[1], return_indices=True)
-            states = spans[0].start + first, spans[1].start + second
-            heading = plausible.heading
-            centre, axis = (
-                [np.stack([a[row], b[row]], axis=1) for row in states]
-                for a, b in ((plausible.x, plausible.y), (np.cos(heading), np.sin(heading)))
-            )
-            apart = centre[1] - centre[0]
-            axes = np.stack([axis[0].ravel(), axis[1].ravel()], axis=1)
-            lengths = np.linalg.lstsq(axes, apart.ravel(), rcond=None)[0]
-            off = (axes @ lengths - apart.ravel()).reshape(-1, 2)
-            driven = np.hypot(*np.ptp(centre[0], axis=0))
-            sizes = plausible.length[front], plausible.length[rear]
-            outside = driven > sum(sizes) and np.hypot(*apart.T).min() > max(sizes) / 2
-            fits = np.sqrt((off**2).sum(axis=1).mean()) <= COVERAGE * math.sqrt(2) * error.position
-            hitched[front, rear] = bool(outside and fits)
+            hitched[front, rear] = _hitched(plausible, front, rear, error)
         if hitched[front, rear]:
             continue
         for row, beside in (rows, rows[::-1]):
-            track, name = numbers[plausible.track[row]], plausible.identity[plausible.track[beside]]
+            track = numbers[plausible.track[row]]
             if reasons[track] == "":
-                deep = f"overlaps by {pairs.depth[pair]:.2f} m with {name}"
-                reasons[track] = f"{deep} at frame {plausible.frame[row]}"
+                reasons[track] = (
+                    f"overlaps by {pairs.depth[pair]:.2f} m with "
+                    f"{plausible.identity[plausible.track[beside]]} at frame {plausible.frame[row]}"
+                )
 
 
 class Overlaps(NamedTuple):
-    """Pairs of rows of a frame whose rectangles overlap; depth: displacement that separates, m."""
+    """Pairs of rows of a frame whose rectangles overlap, and the depth, m.
+
+    The depth is the smallest displacement that would separate the rectangles.
+    """
 
     first: Int64[np.ndarray, " pair"]
     second: Int64[np.ndarray, " pair"]
@@ -327,22 +346,59 @@ def overlaps(tracks: Tracks) -> Overlaps:
         # A block ends with a frame.
         last = frames[min(begin + _BLOCK, len(order)) - 1]
         end = int(np.searchsorted(frames, last, side="right"))
-        rows = order[begin:end]
-        half = np.stack([tracks.length, tracks.width], axis=1) / 2
-        radius = np.hypot(half[:, 0], half[:, 1])
-        reach = 2 * radius.max()
-        # A third axis separates frames, so that states of different frames are never near.
-        level = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
-        points = np.stack([tracks.x[rows], tracks.y[rows], level], axis=1)
-        first, second = rows[KDTree(points).query_pairs(reach, output_type="ndarray")].T
-        apart = tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first]
-        near = np.hypot(*apart) < radius[tracks.track[first]] + radius[tracks.track[second]]
-        first, second = first[near], second[near]
-        apart = tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first]
-        headings = tracks.heading[first], tracks.heading[second]
-        sides = *half[tracks.track[first]].T, *half[tracks.track[second]].T
-        depth = overlap_depth(*apart, *headings, *sides)
-        touch = depth > 0
-        blocks.append(Overlaps(first[touch], second[touch], depth[touch]))
+        blocks.append(_overlaps_of(tracks, order[begin:end]))
         begin = end
     return Overlaps(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
+
+
+def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " row"]) -> Overlaps:
+    half = np.stack([tracks.length, tracks.width], axis=1) / 2
+    radius = np.hypot(half[:, 0], half[:, 1])
+    reach = 2 * radius.max()
+    # A third axis separates frames, so that states of different frames are never near.
+    frames = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
+    points = np.stack([tracks.x[rows], tracks.y[rows], frames], axis=1)
+    first, second = rows[KDTree(points).query_pairs(reach, output_type="ndarray")].T
+    distance = np.hypot(tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first])
+    near = distance < radius[tracks.track[first]] + radius[tracks.track[second]]
+    first, second = first[near], second[near]
+    depth = overlap_depth(
+        tracks.x[second] - tracks.x[first],
+        tracks.y[second] - tracks.y[first],
+        tracks.heading[first],
+        tracks.heading[second],
+        *half[tracks.track[first]].T,
+        *half[tracks.track[second]].T,
+    )
+    touch = depth > 0
+    return Overlaps(first[touch], second[touch], depth[touch])
+
+
+def _hitched(tracks: Tracks, front: int, rear: int, error: MeasurementError) -> bool:
+    """Whether two tracks are a vehicle and its trailer.
+
+    A hitch is a point at a fixed place on the axes of both. Least squares over all moments find the
+    two places; the point of each then is the other's within the error of positions. Neither middle
+    is inside the other's box, and they drive further than they are long, which two boxes of one
+    vehicle or two that were parked do not show.
+    """
+    starts = tracks.starts
+    spans = [slice(starts[track], starts[track + 1]) for track in (front, rear)]
+    frames = [tracks.frame[span] for span in spans]
+    _, first, second = np.intersect1d(frames[0], frames[1], return_indices=True)
+    rows = spans[0].start + first, spans[1].start + second
+    centre, axis = (
+        [np.stack([a[row], b[row]], axis=1) for row in rows]
+        for a, b in ((tracks.x, tracks.y), (np.cos(tracks.heading), np.sin(tracks.heading)))
+    )
+    apart = centre[1] - centre[0]
+    axes = np.stack([axis[0].ravel(), axis[1].ravel()], axis=1)
+    lengths = np.linalg.lstsq(axes, apart.ravel(), rcond=None)[0]
+    off = (axes @ lengths - apart.ravel()).reshape(-1, 2)
+    driven = np.hypot(*np.ptp(centre[0], axis=0))
+    sizes = tracks.length[front], tracks.length[rear]
+    return bool(
+        driven > sum(sizes)
+        and np.hypot(*apart.T).min() > max(sizes) / 2
+        and np.sqrt((off**2).sum(axis=1).mean()) <= COVERAGE * math.sqrt(2.0) * error.position
+    )

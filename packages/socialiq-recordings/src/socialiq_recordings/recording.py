@@ -31,8 +31,15 @@ class RoadUser(enum.IntEnum):
     OTHER = 6
 
 
-STATES: dict[str, type[np.generic]] = dict.fromkeys(("track", "frame"), np.int32)
-STATES |= dict.fromkeys(("x", "y", "heading", "vx", "vy"), np.float64)
+STATES: dict[str, type[np.generic]] = {
+    "track": np.int32,
+    "frame": np.int32,
+    "x": np.float64,
+    "y": np.float64,
+    "heading": np.float64,
+    "vx": np.float64,
+    "vy": np.float64,
+}
 """Columns with a row for each state, and their types; also their order in a file."""
 
 ROAD_USERS: dict[str, type[np.generic]] = {
@@ -86,16 +93,18 @@ class Tracks:
         _check_layout(columns, ROAD_USERS, "tracks")
         for name, dtype in (STATES | ROAD_USERS).items():
             if issubclass(dtype, np.floating):
-                bad = ~np.isfinite(columns[name])
-                _refuse(name, bad, "not finite: mend it or leave the track out")
+                _refuse(
+                    name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out"
+                )
         track, frame = self.track.astype(np.int64), self.frame.astype(np.int64)
         steps = np.diff(track)
         bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
         _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
         count = len(self.identity)
         if track[-1] != count - 1:
-            line = f"column track numbers {track[-1] + 1} tracks where identity has {count}"
-            raise UserError(line)
+            raise UserError(
+                f"column track numbers {track[-1] + 1} tracks where identity has {count}"
+            )
         _refuse("frame", frame < 0, "negative: count frames from 0 or above")
         jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
         _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")

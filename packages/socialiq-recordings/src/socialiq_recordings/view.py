@@ -129,9 +129,8 @@ class Traffic:
         ):
             begin = int(replayed.step[first])
             steps = begin + np.arange(count + 1) * built.world.config.frames
-            at = np.rint(steps * frame).astype(int).tolist()
-            driver: dict[str, Any] = {"track": tracks[vehicle], "frames": at}
-            driver["rewards"] = rewards[first : first + count].tolist()
+            driver = {"track": tracks[vehicle], "rewards": rewards[first : first + count].tolist()}
+            driver["frames"] = np.rint(steps * frame).astype(int).tolist()
             ending = Ending(int(table.ending[first + count - 1])).name.lower()
             drivers.append(driver | {"ending": ending})
         return drivers
@@ -153,8 +152,14 @@ def recording_view(path: Path) -> View:
     simulated = " Simulated, not human." if signs_of_simulation(tracks) else ""
     seconds = f"{traffic.frames * tracks.dt:,.0f} s"
     lead = f"{tracks.n_tracks:,} recorded road users in {seconds}.{simulated}"
-    data: dict[str, Any] = {"dt": tracks.dt, "frames": traffic.frames, "chunk": CHUNK}
-    data |= {"users": traffic.users(), "lanes": traffic.lanes()}
-    data |= {"conflicts": traffic.conflicts(), "drivers": traffic.drivers()}
+    data: dict[str, Any] = {
+        "dt": tracks.dt,
+        "frames": traffic.frames,
+        "chunk": CHUNK,
+        "users": traffic.users(),
+        "lanes": traffic.lanes(),
+        "conflicts": traffic.conflicts(),
+        "drivers": traffic.drivers(),
+    }
     title = one_line(tracks.recording, 60)
     return View("traffic", title, lead, data, count=traffic.parts, part=traffic.part)

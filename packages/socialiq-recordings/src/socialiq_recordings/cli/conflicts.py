@@ -77,9 +77,13 @@ class FindConflicts(OfDistinct):
         summary |= {"vehicles": len({row["ego_vehicle"] for row in conflicts})}
         summary |= {"chains": len({row["chain"] for row in conflicts})} | not_used(every)
         if self.out is not None:
-            provenance: Row = {"conflicts": dataclasses.asdict(config)}
-            provenance |= {"duplicates": self.duplicates, "pictures": self.pictures}
-            provenance |= {"seed": self.seed, "sources": sources_of(recordings)}
+            provenance: Row = {
+                "conflicts": dataclasses.asdict(config),
+                "duplicates": self.duplicates,
+                "pictures": self.pictures,
+                "seed": self.seed,
+                "sources": sources_of(recordings),
+            }
             tables = {"recordings": counts, "conflicts": conflicts}
             results = Results.of("recordings conflicts", provenance, tables, summary)
             # Pictures of pairs of vehicles chosen at random, each once.

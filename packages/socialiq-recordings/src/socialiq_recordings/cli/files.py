@@ -152,12 +152,17 @@ class Import(Printing):
                     reason = f"{path}: {same}: import it to a folder of its own"
                     failed.append({"file": str(path), "reason": reason})
                     continue
-                row: dict[str, Any] = {"recording": tracks.recording, "file": target.name}
-                row |= {"sha256": files.save(target, imported.recording), "tracks": tracks.n_tracks}
-                row |= {"states": tracks.n_states, "users": users_of(tracks)}
-                row |= {"refused": [refused._asdict() for refused in imported.refused]}
-                row |= {"skipped": imported.skipped}
-                row |= {"faults": [fault._asdict() for fault in imported.faults]}
+                row: dict[str, Any] = {
+                    "recording": tracks.recording,
+                    "file": target.name,
+                    "sha256": files.save(target, imported.recording),
+                    "tracks": tracks.n_tracks,
+                    "states": tracks.n_states,
+                    "users": users_of(tracks),
+                    "refused": [refused._asdict() for refused in imported.refused],
+                    "skipped": imported.skipped,
+                    "faults": [fault._asdict() for fault in imported.faults],
+                }
                 rows.append(row | {"states_per_s": states / seconds})
         return rows
 
@@ -196,16 +201,24 @@ class Inspect(Printing):
         rows: list[dict[str, Any]] = []
         for number, recording in enumerate(recordings):
             tracks = recording.tracks
-            row: dict[str, Any] = {"recording": tracks.recording, "site": identified.site[number]}
-            row |= {"chain": identified.chain[number]}
-            row |= {"seconds": round(float((tracks.frame.max() + 1) * tracks.dt), 2)}
-            row |= {"tracks": tracks.n_tracks, "users": users_of(tracks)}
-            row |= {"lanelets": len(recording.road.lanelets)}
-            row |= {"simulated": "; ".join(signs_of_simulation(tracks))}
+            row: dict[str, Any] = {
+                "recording": tracks.recording,
+                "site": identified.site[number],
+                "chain": identified.chain[number],
+                "seconds": round(float((tracks.frame.max() + 1) * tracks.dt), 2),
+                "tracks": tracks.n_tracks,
+                "users": users_of(tracks),
+                "lanelets": len(recording.road.lanelets),
+                "simulated": "; ".join(signs_of_simulation(tracks)),
+            }
             rows.append(row)
-        counts: dict[str, Any] = {"recordings": len(rows), "sites": len(set(identified.site))}
-        counts |= {"chains": len(set(identified.chain))}
-        counts |= {"tracks": sum(row["tracks"] for row in rows), "vehicles": identified.n_vehicles}
+        counts: dict[str, Any] = {
+            "recordings": len(rows),
+            "sites": len(set(identified.site)),
+            "chains": len(set(identified.chain)),
+            "tracks": sum(row["tracks"] for row in rows),
+            "vehicles": identified.n_vehicles,
+        }
         if self.json:
             print_json({"counts": counts, "recordings": rows, "overlaps": identified.rows()})
             return 0

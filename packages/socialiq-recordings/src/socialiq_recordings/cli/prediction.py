@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tyro
 
 from socialiq.cli.output import Display, print_json, print_table, say
@@ -104,10 +103,13 @@ class Predict(OfDistinct):
                 for row in group:
                     metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
                     interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
-                    line: Row = {"model": row["model"], "surprise, nats": f"{row['surprise']:.2f}"}
-                    line |= {"RMSE, m/s²": f"{row['rmse']:.2f}"}
-                    line |= {"off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}"}
-                    line |= {"gain over trivial, nats": f"{row['gain']:+.2f}{interval}"}
+                    line: Row = {
+                        "model": row["model"],
+                        "surprise, nats": f"{row['surprise']:.2f}",
+                        "RMSE, m/s²": f"{row['rmse']:.2f}",
+                        "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
+                        "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
+                    }
                     lines.append(line)
                 title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
                 print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
@@ -133,14 +135,19 @@ def _summary(situations: Situations, rows: list[Row], contrasts: list[Row]) -> d
             names = ("n", "chains", "surprise", "rmse", "displacement", "gain")
             of_moments[row["model"]] = {name: row[name] for name in names}
     names = ("holdout", "moments", "model", "over", "gain")
-    counts: Row = {"moments": len(situations), "moving": int(situations.moving.sum())}
-    counts |= {"in_conflict": int(in_conflict.sum())}
-    for name, numbers in (("drivers", situations.vehicle), ("chains", situations.chain)):
-        counts[name] = len(np.unique(numbers))
-        counts[f"{name}_in_conflict"] = len(np.unique(numbers[in_conflict]))
-    counts |= {"sites": len(np.unique(situations.site)), "second_half": second_half}
-    decided = [{n: row[n] for n in names} for row in contrasts if row["found"]]
-    return counts | {"contrasts_tested": len(contrasts), "contrasts_found": decided}
+    return {
+        "moments": len(situations),
+        "moving": int(situations.moving.sum()),
+        "in_conflict": int(in_conflict.sum()),
+        "drivers": len(set(situations.vehicle.tolist())),
+        "drivers_in_conflict": len(set(situations.vehicle[in_conflict].tolist())),
+        "chains": len(set(situations.chain.tolist())),
+        "chains_in_conflict": len(set(situations.chain[in_conflict].tolist())),
+        "sites": len(set(situations.site.tolist())),
+        "second_half": second_half,
+        "contrasts_tested": len(contrasts),
+        "contrasts_found": [{n: row[n] for n in names} for row in contrasts if row["found"]],
+    }
 
 
 def _show_contrasts(rows: list[Row]) -> None:
@@ -148,9 +155,14 @@ def _show_contrasts(rows: list[Row]) -> None:
     lines = []
     for row in rows:
         interval = "" if row["low"] is None else f" ({row['low']:+.2f} to {row['high']:+.2f})"
-        line: Row = {"held out": row["holdout"], "moments": row["moments"], "model": row["model"]}
-        line |= {"over": row["over"], "gain, nats": f"{row['gain']:+.2f}{interval}"}
-        line |= {"p, corrected": f"{row['p_corrected']:.3f}"}
+        line: Row = {
+            "held out": row["holdout"],
+            "moments": row["moments"],
+            "model": row["model"],
+            "over": row["over"],
+            "gain, nats": f"{row['gain']:+.2f}{interval}",
+            "p, corrected": f"{row['p_corrected']:.3f}",
+        }
         if row["found"]:
             lines.append(line)
     if lines:
@@ -170,7 +182,12 @@ _CONFIDENCE = 0.95
 
 
 def _trait_test(situations: Situations, seed: int) -> tuple[dict[str, list[Row]], dict[str, Any]]:
-    """Return tables and a summary of angles of first halves, tested on second halves."""
+    """Infer angles from drivers' first halves and test them on their second halves.
+
+    Returns:
+        `trait_models` and `trait_contrasts`, nothing if it could not be tested; counts, the
+        population's angle, and which contrasts were found.
+    """
     try:
         models = trait.fit_models(study.choices(situations, seed), seed, narrow=True)
     except UserError as error:
@@ -179,13 +196,18 @@ def _trait_test(situations: Situations, seed: int) -> tuple[dict[str, list[Row]]
     population = models.angle.population
     angle = direction(population.trait.mean, population.chance.sum(axis=0), _CONFIDENCE)
     spread = population.quantiles("spread", (0.025, 0.5, 0.975))
-    tested: Row = {"decisions": int(sample.second.sum()), "drivers": len(sample.identity)}
-    tested |= {"chains": len(set(sample.chain.tolist()))}
-    tested |= {"chains_needed": chains_to_find_anything()}
-    tested |= {"found": [row["angle_over"] for row in rows if row["found"]]}
-    tested |= {"population_angle": angle._asdict()}
-    tested |= {"population_spread": dict(zip(("low", "median", "high"), spread, strict=True))}
-    return {"trait_models": trait.scores(models), "trait_contrasts": rows}, tested
+    return (
+        {"trait_models": trait.scores(models), "trait_contrasts": rows},
+        {
+            "decisions": int(sample.second.sum()),
+            "drivers": len(sample.identity),
+            "chains": len(set(sample.chain.tolist())),
+            "chains_needed": chains_to_find_anything(),
+            "found": [row["angle_over"] for row in rows if row["found"]],
+            "population_angle": angle._asdict(),
+            "population_spread": dict(zip(("low", "median", "high"), spread, strict=True)),
+        },
+    )
 
 
 def _show_trait(rows: list[Row], summary: dict[str, Any]) -> None:
@@ -194,13 +216,17 @@ def _show_trait(rows: list[Row], summary: dict[str, Any]) -> None:
         say(f"the angle as a trait is not tested: {summary['not_tested']}")
     if not rows:
         return
-    lines = []
-    for row in rows:
-        gain = f"{row['gain_nats']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})"
-        line: Row = {"angle over": row["angle_over"], "gain, nats": gain, "p": f"{row['p']:.3f}"}
-        line |= {"p, Holm": f"{row['p_holm']:.3f}"}
-        line |= {"less RMSE": f"{100 * row['rmse_gain']:+.1f} %"}
-        lines.append(line | {"found": "yes" if row["found"] else "no"})
+    lines = [
+        {
+            "angle over": row["angle_over"],
+            "gain, nats": f"{row['gain_nats']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})",
+            "p": f"{row['p']:.3f}",
+            "p, Holm": f"{row['p_holm']:.3f}",
+            "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
+            "found": "yes" if row["found"] else "no",
+        }
+        for row in rows
+    ]
     title = "\nA driver's angle from its first half, on its second"
     counts = f"{summary['decisions']} decisions, {summary['drivers']} drivers"
     print_table(lines, f"{title}: {counts}, {summary['chains']} chains")
@@ -240,10 +266,14 @@ class Power(OfDistinct):
         sample = trait.sample_of(study.choices(situations, self.simulation.seed))
         rows = self._rows(sample)
         needed = power.needed_rows(rows)
-        summary: Row = {"drivers": len(sample.chain), "chains": int(sample.chain.max()) + 1}
-        summary |= {"chains_needed": chains_to_find_anything(), "decisions": len(sample.table)}
-        summary |= {"decisions_tested": int(sample.second.sum())}
-        summary |= {"needed": {row["population"]: row for row in needed}} | not_used(recordings)
+        summary: Row = {
+            "drivers": len(sample.chain),
+            "chains": int(sample.chain.max()) + 1,
+            "chains_needed": chains_to_find_anything(),
+            "decisions": len(sample.table),
+            "decisions_tested": int(sample.second.sum()),
+            "needed": {row["population"]: row for row in needed},
+        } | not_used(recordings)
         if self.out is not None:
             config = self.simulation
             provenance = _provenance("simulation", config, self.duplicates, recordings)
@@ -253,14 +283,18 @@ class Power(OfDistinct):
         if self.json:
             print_json(summary | {"power": rows})
         else:
-            lines: list[Row] = []
-            for row in rows:
-                line: Row = {"population": row["population"], "size": f"x {row['size']}"}
-                line |= {"drivers": row["drivers"], "gain, nats": f"{row['gain_nats']:+.4f}"}
-                line |= {"less RMSE": f"{100 * row['rmse_gain']:+.1f} %"}
-                ends = f"({row['low']:.0%} to {row['high']:.0%})"
-                line |= {"found": f"{row['detected']:.0%} {ends}"}
-                lines.append(line | {"beats all": f"{row['beats_every_rival']:.0%}"})
+            lines = [
+                {
+                    "population": row["population"],
+                    "size": f"x {row['size']}",
+                    "drivers": row["drivers"],
+                    "gain, nats": f"{row['gain_nats']:+.4f}",
+                    "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
+                    "found": f"{row['detected']:.0%} ({row['low']:.0%} to {row['high']:.0%})",
+                    "beats all": f"{row['beats_every_rival']:.0%}",
+                }
+                for row in rows
+            ]
             counts = f"{summary['decisions']} decisions in conflict of {summary['drivers']} drivers"
             chains = f"in {summary['chains']} independent chains"
             print_table(lines, f"Simulated drivers at {counts} {chains}")
@@ -268,11 +302,13 @@ class Power(OfDistinct):
             for row in needed:
                 size = row["size_needed"]
                 bound = f"more than {row['more_than']}" if row["more_than"] else "-"
-                line = {"population": row["population"]}
-                line["RMSE saved if angles were known"] = f"{100 * row['known_angle_gain']:.1f} %"
-                line["times these data"] = bound if size is None else f"{size:.1f}"
-                for name in ("drivers", "chains"):
-                    line[name] = "" if size is None else row[f"{name}_needed"]
+                line = {
+                    "population": row["population"],
+                    "RMSE saved if angles were known": f"{100 * row['known_angle_gain']:.1f} %",
+                    "times these data": bound if size is None else f"{size:.1f}",
+                    "drivers": "" if size is None else row["drivers_needed"],
+                    "chains": "" if size is None else row["chains_needed"],
+                }
                 lines.append(line)
             print_table(lines, f"\nNeeded to find it in {power.POWER:.0%} of tries")
             _say_if_too_few(summary["chains"], summary["chains_needed"])

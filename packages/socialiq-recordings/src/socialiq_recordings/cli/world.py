@@ -218,9 +218,12 @@ class TakeCensus(OfRecordings):
         summary = {"population": population, "limits": list(census.LIMITS)}
         summary |= not_used(built.every)
         if self.out is not None:
-            provenance: Row = {"choices": dataclasses.asdict(self.choices)}
-            provenance |= {"confidence": self.confidence, "seed": self.seed}
-            provenance |= {"sources": built.world.provenance["recordings"]}
+            provenance: Row = {
+                "choices": dataclasses.asdict(self.choices),
+                "confidence": self.confidence,
+                "seed": self.seed,
+                "sources": built.world.provenance["recordings"],
+            }
             tables = {"drivers": rows, "recordings": counts}
             results = Results.of("recordings census", provenance, tables, summary)
             pictures = png({"census": census.picture(rows, population)})
@@ -245,7 +248,10 @@ def _check_every(every: float, choices: Choices) -> None:
 
 
 def _quality(replayed: Replayed, decisions: int) -> dict[str, Any]:
-    """Return counts of demonstrated decisions and what actions leave; warn of few an episode."""
+    """Return the counts of demonstrated decisions, and what their actions leave; warn of few.
+
+    `decisions` are those of an episode of the world.
+    """
     rows = replayed.table.n_transitions
     # Hanley and Lippman-Hand (1983): what is in none of n rows may, at 95 %, be in 3 of n.
     unseen = 1 - (1 - min(3 / rows, 1.0)) ** decisions
@@ -268,13 +274,18 @@ def _counts_of(built: Made, replayed: Replayed) -> list[Row]:
     for number, source in enumerate(built.world.provenance["recordings"]):
         of_recording = (replayed.vehicle >= first[number]) & (replayed.vehicle < first[number + 1])
         endings = Counter(table.ending[last[of_recording]].tolist())
-        row: Row = {"recording": source["recording"], "site": built.identified.site[number]}
-        row |= {"chain": built.identified.chain[number]}
-        row |= {"origin": "simulated" if source["simulated"] else "recorded"}
-        row |= {"seconds": round(source["seconds"], 2), "vehicles": source["vehicles"]}
-        row |= {"episodes": int(of_recording.sum())}
-        row |= {"decisions": int(table.episode_lengths[of_recording].sum())}
-        row |= {"arrivals": endings[int(Ending.ARRIVAL)], "truncated": endings[int(Ending.TIMEOUT)]}
+        row: Row = {
+            "recording": source["recording"],
+            "site": built.identified.site[number],
+            "chain": built.identified.chain[number],
+            "origin": "simulated" if source["simulated"] else "recorded",
+            "seconds": round(source["seconds"], 2),
+            "vehicles": source["vehicles"],
+            "episodes": int(of_recording.sum()),
+            "decisions": int(table.episode_lengths[of_recording].sum()),
+            "arrivals": endings[int(Ending.ARRIVAL)],
+            "truncated": endings[int(Ending.TIMEOUT)],
+        }
         rows.append(row)
     return rows
 

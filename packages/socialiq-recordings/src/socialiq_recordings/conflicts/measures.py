@@ -116,22 +116,34 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
         # At other moments vehicles that cross would not be in the area at one time.
         meet = np.maximum(first, second)[:, 0] < np.minimum(first, second)[:, 1]
         moments = _moments(meeting, meet | (meeting.area.kind == Conflict.MERGING))
-        row: Row = {"recording": encounters.scene.tracks.recording, "ego": int(identity[ego.track])}
-        row |= {"other": int(identity[partner.track]), "kind": area.kind.name.lower()}
-        row |= {"angle": area.angle, "x": area.x, "y": area.y}
-        row |= {"ego_turn": turn(ego, area.entry[0], area.exit[0])}
-        row |= {"other_turn": turn(partner, area.entry[1], area.exit[1])}
-        row |= {"ego_sign": sign(encounters, ego, partner)}
-        row |= {"other_sign": sign(encounters, partner, ego)}
-        row |= {"ego_route_seen": bool(ego.along[-1] + ego.length / 2 >= area.entry[0])}
-        row |= {"other_route_seen": bool(partner.along[-1] + partner.length / 2 >= area.entry[1])}
-        row |= {"ego_first": meeting.ego_first, "complete": meeting.complete}
-        row |= {"seconds": len(meeting.frames) * ego.dt, "pet": pet(meeting)}
-        row |= {"ttc": min((ttc_at(meeting, *moment) for moment in moments), default=math.inf)}
-        row |= {"required_deceleration": _hardest(meeting)}
-        row |= {"other_required_deceleration": _hardest(meeting.swapped()), "gap_accepted": gap}
-        row |= {"lag_accepted": lag, "ego_enters": times.enters, "ego_leaves": times.leaves}
-        row |= {"other_enters": other_times.enters, "other_leaves": other_times.leaves}
+        row: Row = {
+            "recording": encounters.scene.tracks.recording,
+            "ego": int(identity[ego.track]),
+            "other": int(identity[partner.track]),
+            "kind": area.kind.name.lower(),
+            "angle": area.angle,
+            "x": area.x,
+            "y": area.y,
+            "ego_turn": turn(ego, area.entry[0], area.exit[0]),
+            "other_turn": turn(partner, area.entry[1], area.exit[1]),
+            "ego_sign": sign(encounters, ego, partner),
+            "other_sign": sign(encounters, partner, ego),
+            "ego_route_seen": bool(ego.along[-1] + ego.length / 2 >= area.entry[0]),
+            "other_route_seen": bool(partner.along[-1] + partner.length / 2 >= area.entry[1]),
+            "ego_first": meeting.ego_first,
+            "complete": meeting.complete,
+            "seconds": len(meeting.frames) * ego.dt,
+            "pet": pet(meeting),
+            "ttc": min((ttc_at(meeting, *moment) for moment in moments), default=math.inf),
+            "required_deceleration": _hardest(meeting),
+            "other_required_deceleration": _hardest(meeting.swapped()),
+            "gap_accepted": gap,
+            "lag_accepted": lag,
+            "ego_enters": times.enters,
+            "ego_leaves": times.leaves,
+            "other_enters": other_times.enters,
+            "other_leaves": other_times.leaves,
+        }
         rows.append({name: finite_or_none(value) for name, value in row.items()})
     return rows
 

@@ -4,8 +4,9 @@ Lanes are aligned rigidly: turns are proposed by the circular correlation of the
 directions, shifts by a vote of all pairs of points with the same direction; both are refined by
 iterated closest points with the distance to the line (Chen and Medioni 1992).
 
-Moments in common: seconds of equal, changing speed propose a lag of the two clocks, paths in common
-a turn and shift; vehicles that then are at the same places at the same times are the same.
+Moments in common are found by the motion of vehicles: seconds of equal, changing speed propose a
+lag between the two clocks; the paths in common propose the turn and shift between the two frames;
+vehicles that then are at the same place at the same times, standing ones too, are the same.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ drawn twice differ by less; lanes lie 3 m apart."""
 
 _BESIDE_PATH = 1.5  # m; paths of vehicles scatter within their lane
 _TURNED = np.radians(8.0)
-_PROPOSALS, _MOST_VOTES = 4, 500  # turns; points of a shape that vote
+_PROPOSALS = 4  # turns
+_MOST_VOTES = 500  # points of a shape that vote
 _REACHES = (3.0, 2.0, 1.0, 1.0)  # m; largest distance of a pair, by iteration
 _ALIKE = 0.9  # share from which no better placement is looked for
 _STRAIGHT = 0.02  # smallest share of directions across the main one that fixes a shift
@@ -50,8 +52,9 @@ class Placement:
 
     def of(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
         """Return x, y and direction in the other frame."""
-        moved = points[:, :2] @ self._matrix.T + self.shift
-        return np.column_stack([moved, points[:, 2:] + self.turn])
+        return np.column_stack(
+            [points[:, :2] @ self._matrix.T + self.shift, points[:, 2:] + self.turn]
+        )
 
     def back(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
         """Return the points of the other frame in the first."""
@@ -67,8 +70,9 @@ class Placement:
 def shape_of(recording: Recording) -> Shape:
     """Return the centre lines of a recording's lanelets, or the paths of its tracks without any."""
     lanelets, tracks = recording.road.lanelets.values(), recording.tracks
-    paths = np.split(np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1])
-    lines = [lanelet.centre for lanelet in lanelets] or paths
+    lines = [lanelet.centre for lanelet in lanelets] or np.split(
+        np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1]
+    )
     points = np.concatenate([np.zeros((0, 3)), *(every_step(line) for line in lines)])
     if lanelets:
         return Shape(points, True)
@@ -80,14 +84,16 @@ def shape_of(recording: Recording) -> Shape:
 def shared(first: Shape, second: Shape) -> tuple[float, float]:
     """Return the share of each shape's points that lie on the other, best aligned.
 
-    Straight shapes and paths of vehicles are compared in the frames that they are written in.
+    Shapes that are straight fit everywhere along themselves, and paths of vehicles scatter: both
+    are compared in the frames that they are written in.
     """
     if not len(first.points) or not len(second.points):
         return 0.0, 0.0
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
     best = _overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)
-    roads = first.of_road and second.of_road
-    if max(best) > _ALIKE or not roads or min(map(_bends, (first, second))) < _STRAIGHT:
+    if max(best) > _ALIKE or not (first.of_road and second.of_road):
+        return best
+    if min(_bends(first.points), _bends(second.points)) < _STRAIGHT:
         return best
     kernel = np.exp(-0.5 * (np.minimum(np.arange(360), 360 - np.arange(360)) / 1.5) ** 2)
     spectra = []
@@ -103,8 +109,8 @@ def shared(first: Shape, second: Shape) -> tuple[float, float]:
         turns.append(np.radians(peak))
         correlation[np.arange(peak - 4, peak + 5) % 360] = -np.inf
     for turn in turns:
-        pair = first.points, second.points
-        shares = _overlap(*pair, _placed(*pair, turn), beside)
+        placement = _placed(first.points, second.points, turn)
+        shares = _overlap(first.points, second.points, placement, beside)
         best = max(best, shares, key=max)
         if max(best) > _ALIKE:
             break
@@ -114,7 +120,8 @@ def shared(first: Shape, second: Shape) -> tuple[float, float]:
 def fits_by_chance(first: Shape, second: Shape, least: float) -> bool:
     """Whether the mirror image of a shape fits the other as well, and only once it is placed.
 
-    A small shape that is found in a large one either way says nothing of where it is.
+    No place is the mirror image of another: a small shape that is found in a large one either way
+    says nothing of where it is. Shapes that agree in the frames that they are written in do.
     """
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
     if max(_overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)) >= least:
@@ -141,9 +148,9 @@ def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:
     return float(match.any(axis=1).mean())
 
 
-def _bends(shape: Shape) -> float:
+def _bends(points: np.ndarray) -> float:
     """Return the smaller principal share of the lines' directions; 0 for parallel lines."""
-    along = np.column_stack([np.cos(shape.points[:, 2]), np.sin(shape.points[:, 2])])
+    along = np.column_stack([np.cos(points[:, 2]), np.sin(points[:, 2])])
     return float(np.linalg.eigvalsh(along.T @ along / len(along))[0])
 
 
@@ -186,7 +193,8 @@ SAME_SPEED = 0.06  # m/s; largest difference of two speeds in a second that is p
 SAME_PLACE = 0.5  # m; largest median distance of the same vehicle in two recordings
 FEWEST_STATES = 5  # states in common that identify a vehicle, once clocks and frames are aligned
 _CHANGE = 0.3  # m/s; a second with less change of speed proposes nothing
-_STRIDES, _LAGS = 5, 5  # of a second's descriptor; lags that are tried
+_STRIDES = 5  # of a second's descriptor
+_LAGS = 5  # lags that are tried
 _TRIALS = 12  # pairs of vehicles whose paths propose a placement, for each lag
 _LEAST_SHARE = 0.5  # of the states in common view that must have a partner
 _ALONE = 3.0  # s in common that identify a vehicle without a second one
@@ -273,12 +281,15 @@ def in_common(motion: Motion, other_motion: Motion) -> Common | None:
     states = np.repeat(rows[chosen], [len(windows) for windows in near])
     other_states = other_rows[np.concatenate([*near, []]).astype(np.int64)]
     tracks, tracks_there = motion.tracks, other_motion.tracks
-    pairs = np.column_stack([tracks.track[states], tracks_there.track[other_states]])
+    pairs = np.column_stack([tracks.track[states], tracks_there.track[other_states]]).astype(
+        np.int64
+    )
     lags = tracks_there.frame[other_states].astype(np.int64) - tracks.frame[states]
     best: tuple[float, Common] | None = None
     for lag in _most_frequent(lags)[0][:_LAGS].tolist():
-        for pair in _most_frequent(pairs[lags == lag].astype(np.int64))[0][:_TRIALS]:
-            match = _matched(motion, other_motion, pair, lag)
+        for pair in _most_frequent(pairs[lags == lag])[0][:_TRIALS]:
+            placement = _placement(motion, other_motion, pair, lag)
+            match = None if placement is None else _matched(motion, other_motion, placement, lag)
             if match is not None and (best is None or match[0] > best[0]):
                 best = match
         if best is not None and best[0] > 2 * _LEAST_SHARE * 0.9:
@@ -293,12 +304,14 @@ def _most_frequent(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return distinct[order], counts[order]
 
 
-def _matched(
+def _placement(
     motion: Motion, other_motion: Motion, pair: np.ndarray, lag: int
-) -> tuple[float, Common] | None:
-    """Return the share of the common view with a partner, and the vehicles in common."""
-    # The rows of both tracks at their common times, and the motion of one path to the other by
-    # least squares (Kabsch 1976).
+) -> Placement | None:
+    """Return the rigid motion of a vehicle's path in the other recording to that in the one.
+
+    The least-squares solution of Kabsch (1976), in the plane.
+    """
+    # The rows of both tracks at their common times.
     start, end = motion.tracks.starts[pair[0] : pair[0] + 2].tolist()
     other_start, other_end = other_motion.tracks.starts[pair[1] : pair[1] + 2].tolist()
     first = int(motion.tracks.frame[start])
@@ -320,12 +333,18 @@ def _matched(
     about = Placement(float(turn), np.zeros(2))
     shift = centre - about.of(np.array([[*other_centre, 0.0]]))[0, :2]
     off = about.of(np.column_stack([b, np.zeros(len(b))]))[:, :2] - a
-    if not np.median(np.hypot(*off.T)) <= SAME_PLACE:
-        return None
+    return Placement(float(turn), shift) if np.median(np.hypot(*off.T)) <= SAME_PLACE else None
+
+
+def _matched(
+    motion: Motion, other_motion: Motion, placement: Placement, lag: int
+) -> tuple[float, Common] | None:
+    """Return the share of the common view with a partner, and the vehicles in common."""
     places = other_motion.places(-lag)
-    moved = Placement(float(turn), shift).of(places[:, [0, 1, 1]])[:, :2]
-    moments = np.column_stack([moved, places[:, 2]])
-    distance, nearest = motion.by_time.query(moments, distance_upper_bound=SAME_PLACE)
+    moved = placement.of(places[:, [0, 1, 1]])[:, :2]
+    distance, nearest = motion.by_time.query(
+        np.column_stack([moved, places[:, 2]]), distance_upper_bound=SAME_PLACE
+    )
     met = np.isfinite(distance)
     if met.sum() < FEWEST_STATES:
         return None
@@ -337,11 +356,15 @@ def _matched(
     share = float(met.sum()) / fewer if fewer else 0.0
     if share < _LEAST_SHARE:
         return None
-    track = motion.tracks.track[np.asarray(nearest)[met]]
-    pairs = np.column_stack([track, other_motion.tracks.track[met]])
+    pairs = np.column_stack(
+        [motion.tracks.track[np.asarray(nearest)[met]], other_motion.tracks.track[met]]
+    )
     distinct, counts = _most_frequent(pairs.astype(np.int64))
-    rows = np.flatnonzero(counts >= FEWEST_STATES).tolist()
-    rows = [row for row in rows if not (distinct[:row] == distinct[row]).any()]
+    rows = [
+        row
+        for row in np.flatnonzero(counts >= FEWEST_STATES).tolist()
+        if not (distinct[:row] == distinct[row]).any()
+    ]
     if not rows or (len(rows) < 2 and counts[0] * motion.tracks.dt < _ALONE):
         return None
     count = len(np.unique(other_motion.tracks.frame[met]))

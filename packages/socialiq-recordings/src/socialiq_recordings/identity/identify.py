@@ -63,13 +63,16 @@ class Identified:
 
     def rows(self) -> list[dict[str, object]]:
         """Return a table row for each pair of recordings with vehicles in common."""
-        rows: list[dict[str, object]] = []
-        for overlap in self.overlaps:
-            names = {"first": self.names[overlap.first], "second": self.names[overlap.second]}
-            lag = round(overlap.lag, 2) if overlap.seconds else ""
-            row: dict[str, object] = {"seconds": round(overlap.seconds, 2), "lag": lag}
-            rows.append(names | row | {"vehicles": len(overlap.vehicles)})
-        return rows
+        return [
+            {
+                "first": self.names[overlap.first],
+                "second": self.names[overlap.second],
+                "seconds": round(overlap.seconds, 2),
+                "lag": round(overlap.lag, 2) if overlap.seconds else "",
+                "vehicles": len(overlap.vehicles),
+            }
+            for overlap in self.overlaps
+        ]
 
 
 def identify(recordings: Sequence[Recording]) -> Identified:
@@ -124,7 +127,12 @@ def site_of(recording: str) -> str:
 
 
 def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]:
-    """Return a forest of recordings at one site; a map that fits in several sites joins none."""
+    """Return a forest of recordings at one site; each pair of shapes is compared once.
+
+    Two maps that lie on each other are one site, whatever else lies on them. A map that lies in a
+    larger one belongs there, too; but one that lies in maps of several sites would fit anywhere,
+    since no place is in two: it joins none of them.
+    """
     sites, shapes, keys = list(range(len(recordings))), dict[bytes, Shape](), list[bytes]()
     shares: dict[tuple[bytes, bytes], tuple[float, float]] = {}
     for recording in recordings:

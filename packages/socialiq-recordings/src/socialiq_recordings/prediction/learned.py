@@ -16,7 +16,6 @@ much for κ to be above 0. That of a driver's own angle is from its first half t
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -51,14 +50,21 @@ _LEAST = 1e-12  # probability of a level
 
 @dataclass(frozen=True)
 class Training:
-    """Settings of the training."""
+    """Settings of the training.
 
-    # accelerations that are actions, m/s², equally spaced
+    Attributes:
+        levels: Accelerations that are actions, m/s², equally spaced.
+        updates: Gradient steps.
+        hidden: Widths of the hidden layers.
+        batch_size: Moments of a batch.
+        discount: γ of a second.
+    """
+
     levels: tuple[float, ...] = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
-    updates: int = 500  # gradient steps
-    hidden: tuple[int, ...] = (32,)  # widths of the hidden layers
-    batch_size: int = 64  # moments of a batch
-    discount: float = 0.9  # γ of a second
+    updates: int = 500
+    hidden: tuple[int, ...] = (32,)
+    batch_size: int = 64
+    discount: float = 0.9
 
     def __post_init__(self) -> None:
         """Refuse what no training could take, before the slow work."""
@@ -170,10 +176,12 @@ def trained(
         shape = behaviour_cloning.CloningConfig(
             hidden=settings.hidden, batch_size=settings.batch_size, updates=settings.updates
         )
-        settings_of = functools.partial(
-            behaviour_cloning.CloningHyperparameters, learning_rate=1e-3
-        )
-        runs = [settings_of(seed=task.seed, dataset=fold) for fold, task in enumerate(tasks)]
+        runs = [
+            behaviour_cloning.CloningHyperparameters(
+                learning_rate=1e-3, seed=task.seed, dataset=fold
+            )
+            for fold, task in enumerate(tasks)
+        ]
         clones = behaviour_cloning.BehaviourCloning.train_on(shape, runs, tables)
         for fold, task in enumerate(tasks):
             chances = of_policies([clones.policy(fold)])
@@ -187,8 +195,10 @@ def trained(
 def _dials(
     tasks: Sequence[Task], tables: Sequence[Demonstrations], settings: Training
 ) -> list[dict[str, Fitted]]:
-    """Return the dial of every fold: with one angle for all, and by driver."""
-    # Beside it dials of parts of the training drivers are trained, which predict the others.
+    """Return the dial of every fold: with one angle for all, and by driver.
+
+    Beside it dials of parts of the training drivers are trained, which predict the others.
+    """
     groups = [grouped(task.train.vehicle, _PARTS) for task in tasks]
     data, seeds = [*tables], [task.seed for task in tasks]
     for task, group in zip(tasks, groups, strict=True):
@@ -197,21 +207,7 @@ def _dials(
             besides = besides if besides.any() else ~besides  # all, if there is no other part
             data.append(demonstrations(task.train.rows(besides), settings.levels))
             seeds.append(task.seed)
-    longest = max(int(np.bincount(table.episode).max()) for table in data)
-    # A vehicle that leaves the view drives on.
-    sizes: dict[str, Any] = {"high_share": None, "view": "flat", "whole_episode": longest + 1}
-    names = ("hidden", "batch_size", "updates")
-    sizes |= {name: getattr(settings, name) for name in names}
-    shape = OfflineDialConfig(low=float(ANGLES[0]), high=float(ANGLES[-1]), **sizes)
-    constant: dict[str, Any] = {"discount": settings.discount, "learning_rate": _RATE}
-    constant |= {"temperature": TEMPERATURE, "end_temperature": TEMPERATURE}
-    numbers = [OfflineDialHyperparameters(seed=seed, **constant) for seed in seeds]
-    stages = train(shape, numbers, data)
-    clones = stages["behaviour"].state.target_network
-    families = []
-    for index in range(len(data)):
-        clone, dial = QPolicy.of(network_of(clones, index), 1.0, {}), stages["dial"].policy(index)
-        families.append(of_family([clone, *(dial.at(angle) for angle in ANGLES.tolist())]))
+    families = _families(data, seeds, settings)
     models = []
     for fold, (task, group) in enumerate(zip(tasks, groups, strict=True)):
         levels, first = Levels(task, settings), len(tasks) + _PARTS * fold
@@ -221,6 +217,40 @@ def _dials(
             density[rows] = levels.log_density(chances, task.train.rows(rows))
         models.append(_models(task, levels, families[fold], density))
     return models
+
+
+def _families(
+    tables: Sequence[Demonstrations], seeds: Sequence[int], settings: Training
+) -> list[Chances]:
+    """Return the family of a dial of each table, all trained in one program."""
+    longest = max(int(np.bincount(table.episode).max()) for table in tables)
+    shape = OfflineDialConfig(
+        low=float(ANGLES[0]),
+        high=float(ANGLES[-1]),
+        high_share=None,
+        view="flat",
+        hidden=settings.hidden,
+        batch_size=settings.batch_size,
+        updates=settings.updates,
+        whole_episode=longest + 1,  # a vehicle that leaves the view drives on
+    )
+    numbers = [
+        OfflineDialHyperparameters(
+            temperature=TEMPERATURE,
+            end_temperature=TEMPERATURE,
+            discount=settings.discount,
+            learning_rate=_RATE,
+            seed=seed,
+        )
+        for seed in seeds
+    ]
+    stages = train(shape, numbers, tables)
+    clones = stages["behaviour"].state.target_network
+    families = []
+    for index in range(len(tables)):
+        clone, dial = QPolicy.of(network_of(clones, index), 1.0, {}), stages["dial"].policy(index)
+        families.append(of_family([clone, *(dial.at(angle) for angle in ANGLES.tolist())]))
+    return families
 
 
 def of_family(policies: Sequence[Any]) -> Chances:
@@ -244,7 +274,11 @@ def of_family(policies: Sequence[Any]) -> Chances:
 def _models(
     task: Task, levels: Levels, chances: Chances, density: Float64[np.ndarray, "moment policy"]
 ) -> dict[str, Fitted]:
-    """Return the dial at the population's angle, and at each driver's, by others' `density`."""
+    """Return the dial at the angle of the population, and at each driver's.
+
+    `chances` are those of the family, `density` the log-densities of the training moments by
+    families of other drivers.
+    """
     trait = family_trait(ANGLES, strengths=SHARES)
     _, likelihood = _by_driver(density, task.train.vehicle)
     alike, differ = (

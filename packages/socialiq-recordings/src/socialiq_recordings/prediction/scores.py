@@ -89,11 +89,18 @@ def _scored(
     chain, in_view = moments.chain[mask], mask & np.isfinite(moments.driven)
     surprise = cluster_mean(-model.log_density[mask], chain, *draws)
     squared = cluster_mean((model.mean - moments.acceleration)[mask] ** 2, chain, *draws)
-    row: Row = {"model": model.model, "n": int(mask.sum())}
-    row |= {"drivers": len(np.unique(moments.vehicle[mask])), "chains": surprise.clusters}
-    row |= {"surprise": surprise.mean, "surprise_low": surprise.low, "surprise_high": surprise.high}
-    row |= {"rmse": float(np.sqrt(squared.mean)), "rmse_low": float(np.sqrt(squared.low))}
-    row |= {"rmse_high": float(np.sqrt(squared.high))}
+    row: Row = {
+        "model": model.model,
+        "n": int(mask.sum()),
+        "drivers": len(np.unique(moments.vehicle[mask])),
+        "chains": surprise.clusters,
+        "surprise": surprise.mean,
+        "surprise_low": surprise.low,
+        "surprise_high": surprise.high,
+        "rmse": float(np.sqrt(squared.mean)),
+        "rmse_low": float(np.sqrt(squared.low)),
+        "rmse_high": float(np.sqrt(squared.high)),
+    }
     row |= dict.fromkeys(("displacement", "displacement_low", "displacement_high"))
     row |= {"n_displacement": int(in_view.sum())}
     if in_view.any():

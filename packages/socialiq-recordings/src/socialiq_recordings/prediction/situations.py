@@ -20,9 +20,16 @@ from jaxtyping import Bool, Float64, Int64
 from socialiq.errors import UserError
 from socialiq.physics import ballistic, wrapped
 from socialiq.types import Row
-from socialiq_recordings.conflicts import ways as motion
 from socialiq_recordings.conflicts.encounters import Area, Encounters
-from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.conflicts.ways import (
+    Way,
+    apart,
+    follower,
+    frames_together,
+    leader,
+    on_way,
+    projected,
+)
 from socialiq_recordings.identity.identify import Identified, tracks_kept
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, Sign
@@ -159,9 +166,16 @@ _APART = 1e6  # s between recordings without a moment in common
 _TURN = 20.0  # m ahead over which a change of direction is measured
 _KINDS: dict[str, Any] = dict.fromkeys(("recording", "vehicle", "chain", "site"), np.int64)
 _KINDS |= dict.fromkeys(("gives_way", "merging"), np.bool_)
-_NO_AREA: dict[str, Any] = {"through": 0.0, "merging": False}
-_NO_AREA |= dict.fromkeys(("to_area", "other_to_area", "other_gap"), math.inf)
-_NO_AREA |= dict.fromkeys(("other_through", "other_speed", "other_leader_speed"), 0.0)
+_NO_AREA: dict[str, Any] = {
+    "to_area": math.inf,
+    "through": 0.0,
+    "merging": False,
+    "other_to_area": math.inf,
+    "other_through": 0.0,
+    "other_speed": 0.0,
+    "other_gap": math.inf,
+    "other_leader_speed": 0.0,
+}
 
 
 def situations_of(
@@ -240,7 +254,7 @@ class _Seen:
         frames = range(way.first, way.last - step + 1, step)
         partners = []
         for number, partner in self.ways.items() if len(frames) else ():
-            if number != track and len(motion.frames_together(way, partner)):
+            if number != track and len(frames_together(way, partner)):
                 area = self.encounters.area(track, number)
                 partners += [] if area is None else [(partner, area)]
         junction_of, before, entries = self.scene.lanes.junction_of, None, []
@@ -252,26 +266,30 @@ class _Seen:
         junctions, rows = np.array(entries), []
         for frame in frames:
             along, speed = way.state(frame)
-            vehicles = motion.on_way(self.scene, way, frame, self.encounters.config.slack)
-            ahead, behind = (
-                motion.leader(way, along, vehicles),
-                motion.follower(way, along, vehicles),
-            )
+            vehicles = on_way(self.scene, way, frame, self.encounters.config.slack)
+            ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
             front = along + way.length / 2
             to_junction = junctions[junctions > front] - front
             then = frame + round(HORIZON / self.dt)
             at = np.clip([along, along + _TURN], 0.0, way.line.length)
             heading, later = way.line.points_at(at)[1].tolist()
             lanelet = self.lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
-            row: Row = {"time": clock + frame * self.dt, "speed": max(speed, 0.0)}
-            row |= {"last": _acceleration(way, frame, -1.0), "length": way.length, "gap": ahead.gap}
-            row |= {"leader_speed": ahead.speed, "behind": behind.gap, "behind_speed": behind.speed}
-            row |= {"to_junction": float(to_junction.min()) if len(to_junction) else math.inf}
-            row |= {"turn": math.degrees(wrapped(later - heading))}
-            row |= {"acceleration": _acceleration(way, frame, 1.0)}
-            row |= {"driven": way.state(then)[0] - along if then <= way.last else math.nan}
-            row |= {"limit": lanelet.speed_limit}
-            row |= {"gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP)}
+            row: Row = {
+                "time": clock + frame * self.dt,
+                "speed": max(speed, 0.0),
+                "last": _acceleration(way, frame, -1.0),
+                "length": way.length,
+                "gap": ahead.gap,
+                "leader_speed": ahead.speed,
+                "behind": behind.gap,
+                "behind_speed": behind.speed,
+                "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
+                "turn": math.degrees(wrapped(later - heading)),
+                "acceleration": _acceleration(way, frame, 1.0),
+                "driven": way.state(then)[0] - along if then <= way.last else math.nan,
+                "limit": lanelet.speed_limit,
+                "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP),
+            }
             rows.append(row | self._conflict(way, frame, partners))
         return rows
 
@@ -287,24 +305,27 @@ class _Seen:
             return _NO_AREA
         partner, area = soonest_partner
         along, speed = partner.state(frame)
-        vehicles = motion.on_way(self.scene, partner, frame, self.encounters.config.slack)
-        ahead = motion.leader(partner, along, vehicles.without(way.track))
-        row: Row = {"to_area": area.entry[0] - way.length / 2 - way.state(frame)[0]}
-        row |= {"through": area.exit[0] - area.entry[0] + way.length}
-        row |= {"merging": area.kind == Conflict.MERGING}
-        row |= {"other_to_area": area.entry[1] - partner.length / 2 - along}
-        row |= {"other_through": area.exit[1] - area.entry[1] + partner.length}
-        row |= {"other_speed": max(speed, 0.0), "other_gap": ahead.gap}
+        vehicles = on_way(self.scene, partner, frame, self.encounters.config.slack)
+        ahead = leader(partner, along, vehicles.without(way.track))
+        row: Row = {
+            "to_area": area.entry[0] - way.length / 2 - way.state(frame)[0],
+            "through": area.exit[0] - area.entry[0] + way.length,
+            "merging": area.kind == Conflict.MERGING,
+            "other_to_area": area.entry[1] - partner.length / 2 - along,
+            "other_through": area.exit[1] - area.entry[1] + partner.length,
+            "other_speed": max(speed, 0.0),
+            "other_gap": ahead.gap,
+        }
         return row | {"other_leader_speed": ahead.speed}
 
     def _arrives(self, way: Way, partner: Way, area: Area, frame: int) -> float:
         """Return the time until the later of two arrives; infinite if they are in no conflict."""
         now, config = frame * self.dt, self.encounters.config
         sides = ((way, area.entry[0], area.exit[0]), (partner, area.entry[1], area.exit[1]))
-        times = [motion.projected(*side, frame) for side in sides]
+        times = [projected(*side, frame) for side in sides]
         arrives = max(occupancy.enters for occupancy in times) - now
         gone = min(occupancy.leaves for occupancy in times) <= now
-        if gone or arrives > SOON or motion.apart(*times) > config.near:
+        if gone or arrives > SOON or apart(*times) > config.near:
             return math.inf
         first = self.encounters.first_in_line
         alone = first(way, area.entry[0], frame, partner.track)

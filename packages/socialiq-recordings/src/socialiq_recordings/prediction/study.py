@@ -198,9 +198,14 @@ def predict(situations: Situations, config: Config) -> Prediction:
             columns = density, forecast.mean, rollout(model, task.idm, test, last)
             predictions.append(scores.Predicted(name, model.personal, *columns))
         outputs[fold.holdout].append(predictions)
-        row: Row = {"holdout": fold.holdout, "fold": fold.name, "train": int(fold.train.sum())}
-        row |= {"test": len(test), "test_drivers": len(np.unique(test.vehicle))}
-        row |= {"test_chains": len(np.unique(test.chain))}
+        row: Row = {
+            "holdout": fold.holdout,
+            "fold": fold.name,
+            "train": int(fold.train.sum()),
+            "test": len(test),
+            "test_drivers": len(np.unique(test.vehicle)),
+            "test_chains": len(np.unique(test.chain)),
+        }
         row |= dict(zip(FITTED, np.exp(task.idm).tolist(), strict=True))
         for model in fitted.values():
             row |= model.inferred
@@ -260,7 +265,16 @@ def choices(situations: Situations, seed: int = 0) -> ChoiceTable:
         mean[fold.test] = np.exp(log_base[fold.test]) @ grid
     before, pair = situations.previous(), rewards(situations, grid)
     off = situations.acceleration - mean
-    when = situations.time, half, situations.conflict & situations.moving
-    last = np.where(before >= 0, off[before], 0.0)
-    choices = (grid, log_base, pair.env, pair.social, situations.acceleration, last)
-    return ChoiceTable(situations.vehicle, situations.chain, *when, *choices)
+    return ChoiceTable(
+        driver=situations.vehicle,
+        chain=situations.chain,
+        time=situations.time,
+        half=half,
+        conflict=situations.conflict & situations.moving,
+        grid=grid,
+        log_base=log_base,
+        r_env=pair.env,
+        r_social=pair.social,
+        acceleration=situations.acceleration,
+        residual=np.where(before >= 0, off[before], 0.0),
+    )

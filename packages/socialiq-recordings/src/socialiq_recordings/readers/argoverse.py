@@ -85,9 +85,14 @@ def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Importe
         gathered.add(len(names), user, table["timestep"][track], states)
     beside = path.with_name(f"log_map_archive_{path.stem.removeprefix('scenario_')}.json")
     recording = one_line(table["scenario_id"][0], 60) or path.stem
-    source: dict[str, Any] = {"format": "argoverse", "file": path.name}
-    source |= {"sha256": sha256_of_file(path), "licence": LICENCE}
-    source |= {"city": one_line(table["city"][0], 60), "track_ids": names}
+    source: dict[str, Any] = {
+        "format": "argoverse",
+        "file": path.name,
+        "sha256": sha256_of_file(path),
+        "licence": LICENCE,
+        "city": one_line(table["city"][0], 60),
+        "track_ids": names,
+    }
     road = read_map(beside) if beside.exists() else RoadNetwork()
     return gathered.imported(recording, DT, source, road)
 

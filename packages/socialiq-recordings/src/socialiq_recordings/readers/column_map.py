@@ -125,7 +125,8 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
         columns=_columns(sections["columns"], users),
         classes={word: kinds[kind] for word, kind in sections["classes"].items()},
         scales={
-            name: of[sections["units"].get(name, next(iter(of)))] for name, of in UNITS.items()
+            quantity: factors[sections["units"].get(quantity, next(iter(factors)))]
+            for quantity, factors in UNITS.items()
         },
         rate=rate,
         rate_file=rate_file,
@@ -147,16 +148,19 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
     if column_map.origin and rate_file is None:
         raise UserError("map.origin needs time.rate_file, the file with these columns")
     if column_map.users_file and "id" not in column_map.users_columns:
-        line = "[road_users] has a file but no id: name the column with the track's number"
-        raise UserError(line)
+        raise UserError(
+            "[road_users] has a file but no id: name the column with the track's number"
+        )
     return column_map
 
 
 def _only(table: str, content: dict[str, Any], allowed: tuple[str, ...]) -> None:
     for key in content:
         if key not in allowed:
-            name = f"[{table}] {one_line(key, 40)}" if table else one_line(key, 40)
-            raise UserError(f"{name} is unknown: known are {', '.join(allowed)}")
+            where = f"[{table}] " if table else ""
+            raise UserError(
+                f"{where}{one_line(key, 40)} is unknown: known are {', '.join(allowed)}"
+            )
 
 
 def _choice(what: str, value: Any, allowed: tuple[Any, ...]) -> Any:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from array import array
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -100,7 +99,10 @@ class _Draft(RoadDraft):
             self._fault = self._fault or f"{name}: {fault}"
 
     def _value(self, state: State, name: str) -> float:
-        """Return a value's number, an interval's middle, or a missing value's default."""
+        """Return a value's number, the middle of an interval, or the default of a missing value.
+
+        The state of a point mass has its velocity to the north in place of the orientation.
+        """
         needed = name == "orientation" and "velocityY" not in state
         value = state[name] if needed else state.get(name)
         if isinstance(value, str):
@@ -170,16 +172,22 @@ class _Draft(RoadDraft):
         velocity = rows[:, 3] * np.cos(direction), rows[:, 3] * np.sin(direction)
         states = np.stack([rows[:, 0], rows[:, 1], wrapped_heading(rows[:, 2]), *velocity])
         if name not in xml.TYPES:
-            reason = f"type '{one_line(name, 40)}' is not among {', '.join(xml.TYPES)}"
+            known = ", ".join(xml.TYPES)
+            reason = f"type '{one_line(name, 40)}' is not among {known}"
             self._gathered.unknown(identity, reason)
         self._gathered.add(identity, user, frames, states)
 
     def imported(self, sha256: str) -> Imported:
         names = ("commonRoadVersion", "source", "author", "affiliation", "date")
-        source: dict[str, Any] = {"format": "commonroad", "file": self.path.name, "sha256": sha256}
-        source |= {"licence": LICENCE, "intervals": self._n_intervals}
-        source |= {name: one_line(self._attributes.get(name, "")) for name in names}
-        source["tags"] = one_line(self._tags or self._attributes.get("tags", ""))
+        source = {
+            "format": "commonroad",
+            "file": self.path.name,
+            "sha256": sha256,
+            "licence": LICENCE,
+            "intervals": self._n_intervals,
+            **{name: one_line(self._attributes.get(name, "")) for name in names},
+            "tags": one_line(self._tags or self._attributes.get("tags", "")),
+        }
         name = one_line(self._attributes.get("benchmarkID", "")) or self.path.stem
         return self._gathered.imported(name, self._dt, source, self.network())
 
@@ -192,7 +200,11 @@ def _number(text: str) -> float:
 
 
 def _size(element: Element) -> tuple[float, float]:
-    """Return an obstacle's length and width; raise a `ValueError` without a usable shape."""
+    """Return length and width of an obstacle.
+
+    Raises:
+        ValueError: If it has no rectangle or circle around its position.
+    """
     shapes = list(element.find("shape") or [])  # type: ignore[arg-type]
     if len(shapes) != 1 or shapes[0].tag not in ("rectangle", "circle"):
         names = ", ".join(shape.tag for shape in shapes) or "missing"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -82,21 +81,24 @@ class _NeverMovesError(Exception):
     """A track without a heading never moves."""
 
 
-@dataclass
 class _Draft:
     """Builder of a recording from some rows of a table."""
 
-    _table: Table
-    _columns: ColumnMap
-    _users: Table | None
-    _frame: np.ndarray
-    _dt: float
-    road: RoadNetwork
-    _name_of: dict[int, str]
-    _direction_at: Callable[[float, float], float | None] | None = None
-
-    def __post_init__(self) -> None:
-        self.gathered = tracks.Gathered(self._table.path)
+    def __init__(
+        self,
+        table: Table,
+        columns: ColumnMap,
+        users: Table | None,
+        frame: np.ndarray,
+        dt: float,
+        road: RoadNetwork,
+        name_of: dict[int, str],
+    ) -> None:
+        self._name_of = name_of
+        self._table, self._columns, self._users, self._dt = table, columns, users, dt
+        self._frame, self.road = frame, road
+        self._direction_at: Callable[[float, float], float | None] | None = None
+        self.gathered = tracks.Gathered(table.path)
 
     def gather(self, rows: np.ndarray) -> None:
         self.gathered.n_states = len(rows)

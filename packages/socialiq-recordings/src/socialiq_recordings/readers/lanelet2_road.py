@@ -62,12 +62,16 @@ def read_lanelet2(
         raise UserError(f"{path} declares a document type: remove it; Lanelet2 maps have none")
     try:
         # The library dereferences what a damaged file lacks, which would end this process.
-        command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
-        request = json.dumps([str(path.resolve()), utm_origin, origin])
-        folders = os.pathsep.join(folder for folder in sys.path if folder)
-        options: dict[str, Any] = {"capture_output": True, "text": True, "timeout": _MOST_SECONDS}
-        options["env"] = os.environ | {"PYTHONPATH": folders}
-        done = subprocess.run(command, input=request, check=False, **options)
+        done = subprocess.run(
+            [sys.executable, "-c", f"from {__name__} import serve; serve()"],
+            input=json.dumps([str(path.resolve()), utm_origin, origin]),
+            capture_output=True,
+            text=True,
+            timeout=_MOST_SECONDS,
+            check=False,
+            env=os.environ
+            | {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)},
+        )
     except subprocess.TimeoutExpired as error:
         raise UserError(f"{path}: lanelet2 needs more than {_MOST_SECONDS} s") from error
     except OSError as error:
@@ -213,9 +217,13 @@ class _Road:
             name: None if near is None else self._numbers.get(_key(near))
             for name, near in beside.items()
         }
-        row: dict[str, Any] = {"identity": self._numbers[_key(lanelet)], "left": left.tolist()}
-        row |= {"right": right.tolist(), "successors": self._numbers_of(graph.following(lanelet))}
-        row |= {"predecessors": self._numbers_of(graph.previous(lanelet))}
+        row: dict[str, Any] = {
+            "identity": self._numbers[_key(lanelet)],
+            "left": left.tolist(),
+            "right": right.tolist(),
+            "successors": self._numbers_of(graph.following(lanelet)),
+            "predecessors": self._numbers_of(graph.previous(lanelet)),
+        }
         row |= {name: None if n is None else (n, True) for name, n in numbers.items()}
         row |= {"speed_limit": limit if 0 < limit < 100 else np.inf, "sign": int(sign)}
         return row | {"stop_line": None if line is None else line.tolist()}

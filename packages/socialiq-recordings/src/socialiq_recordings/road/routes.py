@@ -25,9 +25,6 @@ _HOPS = 3  # most lanelets passed between two frames
 _NEAR = GAP + 2.0  # m; distance to which lanelets are looked for at first
 _BLOCK = 500  # states that are compared at once, which bounds memory
 
-States = Float64[np.ndarray, " state"]
-OfLanelets = Float64[np.ndarray, "state lanelet"]
-
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
 """Road users that drive on lanelets; others are neither ego nor neighbour."""
 
@@ -129,9 +126,20 @@ class Matcher:
         return float(least.max()) + GAP, np.array(chosen[::-1])
 
     def _misfits(
-        self, x: States, y: States, heading: States, reach: float
-    ) -> tuple[Int64[np.ndarray, " lanelet"], OfLanelets, OfLanelets]:
-        """Return lanelets in reach, distances of states from them, m, and misfits, m and rad."""
+        self,
+        x: Float64[np.ndarray, " state"],
+        y: Float64[np.ndarray, " state"],
+        heading: Float64[np.ndarray, " state"],
+        reach: float,
+    ) -> tuple[
+        Int64[np.ndarray, " lanelet"],
+        Float64[np.ndarray, "state lanelet"],
+        Float64[np.ndarray, "state lanelet"],
+    ]:
+        """Return lanelets, the distances of states from them, m, and the misfits, m and rad.
+
+        Infinite where a state is further from the box around a lanelet than `reach`, m.
+        """
         reach += ROUNDING
         low, high = (np.array([edge(x), edge(y)]) for edge in (np.min, np.max))
         apart = np.maximum(np.maximum(self._low - high, low - self._high), 0.0)
@@ -150,14 +158,18 @@ class Matcher:
         return near, metres, misfit
 
     def _positions(
-        self, x: States, y: States, lanelet: Int64[np.ndarray, " state"]
-    ) -> Float64[np.ndarray, "3 state"]:
+        self,
+        x: Float64[np.ndarray, " pair"],
+        y: Float64[np.ndarray, " pair"],
+        lanelet: Int64[np.ndarray, " pair"],
+    ) -> Float64[np.ndarray, "3 pair"]:
         """Return distances from lanelets, coordinates along them, m, and their headings, rad."""
         result, count = np.empty((3, len(x))), self._count[lanelet]
         for index in np.unique(lanelet[count == 0]).tolist():
             of_arc = lanelet == index
-            path = self._paths[self._numbers[index]]
-            along, lateral, heading = path.coordinates(x[of_arc], y[of_arc])
+            along, lateral, heading = self._paths[self._numbers[index]].coordinates(
+                x[of_arc], y[of_arc]
+            )
             result[:, of_arc] = np.abs(lateral), along, heading
         pairs = np.flatnonzero(count)
         if len(pairs):

@@ -109,11 +109,18 @@ def models_of(
     every: Tabulated | None = None,
     again: Callable[[Trait], Evaluated] | None = None,
 ) -> Models:
-    """Return `fit_models` of decisions whose grid points for what was chosen are evaluated already.
+    """Return `fit_models` of decisions whose grid points are evaluated already.
 
-    `angle` and `gain` are the grids of the angle and of the progress gain, with their points;
-    `seed` is that of the `shuffles` turns. `every` has the angle's points for every candidate, if
-    they are not by weights of rewards; `again` evaluates narrower grids; None: grids stay.
+    Args:
+        sample: The decisions.
+        angle: The angle's grid.
+        of_angle: Its grid points for what was chosen.
+        gain: The progress gain's grid.
+        of_gain: Its grid points for what was chosen.
+        seed: Of the shuffling.
+        shuffles: Turns of the shuffled angle.
+        every: The angle's grid points for every candidate, if they are not by weights of rewards.
+        again: Evaluates a trait on narrower grids for what was chosen; None: grids stay.
     """
     second, driver = sample.second, sample.driver[sample.second]
     table = sample.table.rows(second)
@@ -178,8 +185,12 @@ def predict(
 def _residual_models(
     sample: Sample, alike: Inference, every: Tabulated | None
 ) -> dict[str, Evaluated]:
-    """Return predictions of second halves by p_pop(a | s) exp(κ r a / v), r the base's residual."""
-    # v is the variance; κ is integrated out, with a posterior from first halves of other chains.
+    """Return predictions of second halves by residuals of the base predictor.
+
+    The population's prediction is tilted: p(a | s) proportional to p_pop(a | s) exp(κ r a / v), v
+    its variance and r the residual. κ is integrated out; its posterior is from the first halves of
+    other chains.
+    """
     table, second = sample.table, sample.second
     rewards, fold = traits.rewards_of(table), alike.fold[sample.driver]
     # Log p of every candidate for the population of other chains: by the mean weights, or the mean
@@ -238,13 +249,16 @@ def scores(models: Models) -> list[Row]:
     """Return the mean log-likelihood and the error of every model, by model."""
     observed = models.sample.table.acceleration[models.sample.second]
     base = models.predictions["base"]
-    rows = []
-    for name, prediction in models.predictions.items():
-        gain = float((prediction.log_likelihood - base.log_likelihood).mean())
-        row: Row = {"model": name, "decisions": len(observed)}
-        row |= {"log_likelihood": float(prediction.log_likelihood.mean()), "gain_nats": gain}
-        rows.append(row | {"rmse": float(np.sqrt(np.mean((observed - prediction.mean) ** 2)))})
-    return rows
+    return [
+        {
+            "model": name,
+            "decisions": len(observed),
+            "log_likelihood": float(prediction.log_likelihood.mean()),
+            "gain_nats": float((prediction.log_likelihood - base.log_likelihood).mean()),
+            "rmse": float(np.sqrt(np.mean((observed - prediction.mean) ** 2))),
+        }
+        for name, prediction in models.predictions.items()
+    ]
 
 
 def contrasts(models: Models, seed: int, resamples: int = 2000) -> list[Row]:

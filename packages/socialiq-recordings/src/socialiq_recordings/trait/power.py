@@ -172,8 +172,9 @@ class PowerConfig:
         if not -180.0 <= self.mean <= 180.0:
             raise UserError(f"mean must be from -180 to 180 degrees, got {self.mean:g}")
         if not 0.0 < self.strength <= CERTAIN:
-            line = f"strength must be above 0 and at most {CERTAIN}, got {self.strength:g}"
-            raise UserError(line)
+            raise UserError(
+                f"strength must be above 0 and at most {CERTAIN}, got {self.strength:g}"
+            )
         if not 0.0 < self.gain < 1.0:
             raise UserError(f"gain must be a share between 0 and 1, got {self.gain:g}")
         if not self.sizes or not all(1 <= size <= 1000 for size in self.sizes):
@@ -199,10 +200,17 @@ def _row(
             counted()
     nats, error, detected, gate = np.array(outcomes, np.float64).T
     share = wilson(int(detected.sum()), config.repeats)
-    row: Row = {"size": size, "drivers": size * len(sample.chain)}
-    row |= {"chains": size * (int(sample.chain.max()) + 1), "decisions": size * len(sample.table)}
-    row |= {"gain_nats": float(nats.mean()), "rmse_gain": float(error.mean())}
-    row |= {"detected": share.value, "low": share.low, "high": share.high}
+    row: Row = {
+        "size": size,
+        "drivers": size * len(sample.chain),
+        "chains": size * (int(sample.chain.max()) + 1),
+        "decisions": size * len(sample.table),
+        "gain_nats": float(nats.mean()),
+        "rmse_gain": float(error.mean()),
+        "detected": share.value,
+        "low": share.low,
+        "high": share.high,
+    }
     return row | {"beats_every_rival": float(gate.mean()), "repeats": config.repeats}
 
 

@@ -72,16 +72,25 @@ def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
     for encounters in every:
         tracks = encounters.scene.tracks
         frames = int(tracks.frame.max()) - int(tracks.frame.min()) + 1
-        source: dict[str, Any] = {"recording": tracks.recording, "vehicles": len(encounters.ways)}
-        source |= {"seconds": float(frames * tracks.dt)}
-        source |= {"simulated": bool(signs_of_simulation(tracks)), "source": tracks.source}
+        source: dict[str, Any] = {
+            "recording": tracks.recording,
+            "vehicles": len(encounters.ways),
+            "seconds": float(frames * tracks.dt),
+            "simulated": bool(signs_of_simulation(tracks)),
+            "source": tracks.source,
+        }
         described.append(source)
     errors = {"rms": calibration.rms, "rms_constant": calibration.rms_constant}
     header = {"lateral": calibration.lateral, "evidence": calibration.evidence}
     header |= {name: None if np.isnan(v) else v for name, v in errors.items()}
-    provenance: dict[str, Any] = {"recordings": described, "sites": sorted(set(identified.site))}
-    provenance |= {"calibration": header, "vehicles": len(arrays["identity"])}
-    provenance |= {"egos": len(arrays["egos"]), "closures": len(arrays["closed"])}
+    provenance: dict[str, Any] = {
+        "recordings": described,
+        "sites": sorted(set(identified.site)),
+        "calibration": header,
+        "vehicles": len(arrays["identity"]),
+        "egos": len(arrays["egos"]),
+        "closures": len(arrays["closed"]),
+    }
     max_speed = max(calibration.drivers.desired_speed.high, fastest)
     world = RecordedWorld(Road(**arrays), config, float(max_speed), provenance)
     return Made(world, every, counted, observed, calibration, identified)

@@ -16,7 +16,7 @@ from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.plausible import overlaps
-from socialiq_recordings.recording import ROAD_USERS, Recording, Tracks
+from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.world.build import Made
 from socialiq_recordings.world.drivers import Observed, observe
@@ -127,7 +127,10 @@ def _moved(
     recorded, chosen = encounters.scene.tracks, list(ways)
     tracks = Tracks(
         **{name: np.concatenate([column[name] for column in columns]) for name in columns[0]},
-        **{name: getattr(recorded, name)[chosen] for name in ROAD_USERS},
+        identity=recorded.identity[chosen],
+        road_user=recorded.road_user[chosen],
+        length=recorded.length[chosen],
+        width=recorded.width[chosen],
         dt=1 / SUB_STEPS,
         recording=recorded.recording,
         source={"made_by": "socialiq data world"},

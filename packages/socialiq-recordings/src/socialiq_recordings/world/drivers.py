@@ -204,9 +204,12 @@ def _normal(
 def _fit(
     followed: Followed, spacing: tuple[float, float], desired: float, defaults: Idm
 ) -> tuple[tuple[float, float], float, float]:
-    """Return a and b with the least error of the next acceleration, and both errors."""
-    # `spacing` is T and s0, which steady following and standing vehicles show directly: a fit of
-    # all four trades them for each other where signals, which it doesn't know, brake a leader.
+    """Return a and b with the least error of the next acceleration, and both errors.
+
+    `spacing` is T and s0, which steady following and standing vehicles show directly: a fit of all
+    four trades them for each other where signals, which it doesn't know, brake a leader. With too
+    few moments the defaults stay.
+    """
     start = defaults.max_acceleration, defaults.comfort_deceleration
     if len(followed.gap) < _LEAST_MOMENTS:
         return start, float("nan"), float("nan")

@@ -173,10 +173,10 @@ def _below(folder: Path, roots: Sequence[Path], prefix: str, copy: Path | None) 
 def _file(path: Path, name: str, copy: Path | None) -> _Entry:
     """Hash a file, and write the same bytes into its copy."""
     digest, size = hashlib.sha256(), 0
-    with path.open("rb") as file, open(copy or os.devnull, "wb") as written:  # noqa: PTH123
+    with path.open("rb") as file, Path(copy or os.devnull).open("wb") as target:
         while block := file.read(_BLOCK):
             digest.update(block)
-            written.write(block)
+            target.write(block)
             size += len(block)
     if copy is not None:
         copy.chmod(0o755 if path.stat().st_mode & 0o111 else 0o644)

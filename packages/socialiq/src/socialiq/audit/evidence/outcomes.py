@@ -79,6 +79,10 @@ class Outcomes:
         env, social = self.totals.mean(axis=0).tolist()
         return RewardPair(env, social)
 
+    def clipped(self, lows: tuple[float, float], highs: tuple[float, float]) -> Outcomes:
+        """Return the driver with its totals between two pairs (env, social)."""
+        return replace(self, totals=self.totals.clip(lows, highs))
+
     def drove_as(self, driver: Outcomes) -> bool:
         """Whether every episode is equal to that of a driver."""
         names = ("totals", "ending", "contact", "length")
@@ -231,15 +235,15 @@ class Evidence:
         """Return the evidence with the totals of every driver between two pairs (env, social)."""
 
         def within(drivers: Sequence[Outcomes]) -> tuple[Outcomes, ...]:
-            return tuple(replace(row, totals=row.totals.clip(lows, highs)) for row in drivers)
+            return tuple(row.clipped(lows, highs) for row in drivers)
 
         (policy,), trivial = within([self.policy]), within(self.trivial)
         return replace(self, policy=policy, references=within(self.references), trivial=trivial)
 
     def without(self, names: Collection[str]) -> Evidence:
         """Return the evidence without the references of these names."""
-        kept = tuple(row for row in self.references if row.name not in names)
-        return replace(self, references=kept)
+        references = tuple(row for row in self.references if row.name not in names)
+        return replace(self, references=references)
 
 
 AS_DECLARED = "as_declared"

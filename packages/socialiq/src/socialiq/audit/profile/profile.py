@@ -158,6 +158,12 @@ class Clip:
     r_env: tuple[float, float]
     r_social: tuple[float, float]
 
+    @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The smallest rewards (env, social) that count, and the largest."""
+        lows, highs = zip(self.r_env, self.r_social, strict=True)
+        return lows, highs
+
     def largest_loss(self, angle: float) -> float:
         """Return the most by which R(α) of two drivers differs in an episode; α in degrees."""
         env, social = exact_weights(angle)

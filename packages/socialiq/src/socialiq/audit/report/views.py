@@ -167,8 +167,8 @@ def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     for side in character["beyond"] if character else ():
         name = f"drives beyond the {side['end']} end of the width"
         most = f"at most {percent(character['limit'])}"
-        kept = {**side, "decision": character["decision"]}
-        rows.append(row(f"beyond, {side['end']}", name, kept, percent, most))
+        result = {**side, "decision": character["decision"]}
+        rows.append(row(f"beyond, {side['end']}", name, result, percent, most))
     return rows + [
         row(
             test["name"].replace("_", " "),

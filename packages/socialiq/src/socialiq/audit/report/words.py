@@ -195,7 +195,7 @@ def caveats_of_clip(clip: Clip | None, evidence: Evidence) -> list[Caveat]:
     """Return how often the declared limits of the rewards cut an episode of the policy."""
     if clip is None:
         return []
-    (least, social), (most, largest) = zip(clip.r_env, clip.r_social, strict=True)
+    (least, social), (most, largest) = clip.ends
     outside = [
         int(((row.totals < (least, social)) | (row.totals > (most, largest))).any(axis=1).sum())
         for row in (evidence.policy, *evidence.references)

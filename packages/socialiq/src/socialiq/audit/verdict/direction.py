@@ -147,8 +147,8 @@ def direction_test(
     width, drivers = profile.margin.width, drivers_of(evidence.references)
     ends = ends_of(drivers, profile.angle, width)
     tested = [None if end is None else driver_of(drivers, end) for end in ends]
-    known = profile.clip is not None or profile.scenario.world in NAMES
-    compared = [row for row in drivers if known and (not ends_only or row in tested)]
+    is_bounded = profile.clip is not None or profile.scenario.world in NAMES
+    compared = [row for row in drivers if is_bounded and (not ends_only or row in tested)]
     values, limits = _differences(profile, evidence.policy, compared)
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
     ways, beyond = (_ways(values, error) for error in (pass_error, fail_error / 2))
@@ -203,9 +203,9 @@ def _differences(
 
 def _ways(values: Float[np.ndarray, "driver episode"], error: float) -> list[Way]:
     """Return on which side of each driver the policy lies significantly."""
-    both = np.concatenate([values, -values])
-    shown = betting.significantly_below(both, np.zeros(1), 1.0, error)[:, 0].reshape(2, -1)
-    return [_WAYS[0] if low else _WAYS[1] if high else "not known" for low, high in shown.T]
+    signed = np.concatenate([values, -values])
+    below = betting.significantly_below(signed, np.zeros(1), 1.0, error)[:, 0].reshape(2, -1)
+    return [_WAYS[0] if low else _WAYS[1] if high else "not known" for low, high in below.T]
 
 
 @dataclass(frozen=True)
@@ -253,12 +253,12 @@ def character_test(
         return None
     drivers, tolerance = drivers_of(evidence.references), TOLERANCE * profile.margin.regret
     ends = ends_of(drivers, angle, profile.margin.width)
-    named = [driver_of(drivers, at) for at in (angle, *(end for end in ends if end is not None))]
-    known = [row.outcomes.values(angle + 90.0) for row in named if row]
-    ours, complete, rows = evidence.policy.values(angle + 90.0), len(known) == len(named), []
+    compared = [driver_of(drivers, at) for at in (angle, *(end for end in ends if end is not None))]
+    rewards = [row.outcomes.values(angle + 90.0) for row in compared if row]
+    ours, complete, rows = evidence.policy.values(angle + 90.0), len(rewards) == len(compared), []
     for end, name, sign in zip(ends, _WAYS[::-1], (-1.0, 1.0), strict=True):
         if end is not None and complete:
-            farthest = np.max([sign * values for values in known], axis=0)
+            farthest = np.max([sign * values for values in rewards], axis=0)
             count, episodes = int((sign * ours > farthest + tolerance).sum()), len(ours)
             low = intervals.clopper_pearson(count, episodes, 1.0 - fail_error).low
             high = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * pass_error).high

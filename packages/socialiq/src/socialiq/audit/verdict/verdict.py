@@ -68,7 +68,7 @@ class Decisive(NamedTuple):
 def clipped(profile: Profile, evidence: Evidence) -> Evidence:
     """Return the evidence with the rewards of every episode clipped as declared."""
     clip = profile.clip
-    return evidence if clip is None else evidence.clipped(*zip(clip.r_env, clip.r_social))  # noqa: B905
+    return evidence if clip is None else evidence.clipped(*clip.ends)
 
 
 def decide(
