@@ -52,9 +52,8 @@ class CodeHash(NamedTuple):
 
     sha256: str  # over words, paths and contents
     covers: str  # for people
-    paths: Mapping[
-        Path, Path
-    ]  # the named files and folders, absolute, and the copy of each, if any
+    # The named files and folders, absolute, and the copy of each, if any.
+    paths: Mapping[Path, Path]
 
 
 def files_named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[tuple[str, Path]]:
