@@ -13,6 +13,7 @@ from socialiq.cli.main import main
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
 
+
 @pytest.fixture
 def audit(tmp_path):
     def audited(policy, angle, episodes):
