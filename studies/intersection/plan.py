@@ -128,8 +128,8 @@ def _main(config: Any) -> Iterator[Job]:
 
 def _ablations(config: Any) -> Iterator[Job]:
     """Vary the experts, and one setting or the data of the calibrated preset."""
-    whole, numbers = PRESETS["calibrated"]
-    structure = dataclasses.replace(whole, updates=config.ablation_updates)
+    preset, numbers = PRESETS["calibrated"]
+    structure = dataclasses.replace(preset, updates=config.ablation_updates)
     seeds = config.ablation_seeds
     if "timeouts" in config.parts:  # the experts that can gain by waiting
         for mode, angle in list(MODES.items())[1:]:
@@ -143,7 +143,7 @@ def _ablations(config: Any) -> Iterator[Job]:
             seeded = dataclasses.replace(run, seed=seed)
             yield _expert(f"views/{view}/{seed}", static, seeded, cost=120.0)
     if "strengths" in config.parts:
-        static = dataclasses.replace(whole, updates=config.updates)
+        static = dataclasses.replace(preset, updates=config.updates)
         axes: Any = itertools.product(STRENGTHS, MODES, seeds)
         for strength, target, seed in axes:
             run = dataclasses.replace(numbers, strength=strength)

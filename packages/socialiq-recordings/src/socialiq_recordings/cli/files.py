@@ -272,7 +272,7 @@ def not_used(recorded: Sequence[Recording | Encounters]) -> dict[str, dict[str, 
     """
     driven = {kind.name.lower() for kind in VEHICLES}
     every = [encounters for encounters in recorded if isinstance(encounters, Encounters)]
-    scenes = [seen.scene if isinstance(seen, Encounters) else seen for seen in recorded]
+    scenes = [row.scene if isinstance(row, Encounters) else row for row in recorded]
     rows = [{"users": users_of(scene.tracks)} for scene in scenes]
     counts = {name: n for name, n in sum_of(rows, "users").items() if name not in driven}
     beside = sum(len(encounters.scene.vehicles) - len(encounters.ways) for encounters in every)

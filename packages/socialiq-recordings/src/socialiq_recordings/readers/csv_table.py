@@ -247,8 +247,8 @@ def _lines(path: Path) -> Iterator[str]:
 def beside(path: Path, endings: tuple[str, str]) -> Path:
     """Return the file whose name has the second ending in place of the first."""
     if not path.name.endswith(endings[0]):
-        known = f"{path}: the column map expects a name that ends in {endings[0]}"
-        raise UserError(f"{known}, to find the file that ends in {endings[1]}")
+        expected = f"{path}: the column map expects a name that ends in {endings[0]}"
+        raise UserError(f"{expected}, to find the file that ends in {endings[1]}")
     return path.with_name(path.name.removesuffix(endings[0]) + endings[1])
 
 

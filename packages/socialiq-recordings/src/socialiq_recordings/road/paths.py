@@ -82,12 +82,12 @@ class Polyline:
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Coordinates:
         """Project points on the nearest segment; of equally near segments on the first."""
-        parts, result = [np.arange(len(x))], np.empty((3, len(x)))
+        blocks, result = [np.arange(len(x))], np.empty((3, len(x)))
         if x.size * len(self.lengths) > _MANY:
             order = np.argsort(x if np.ptp(x) > np.ptp(y) else y)
-            parts = np.array_split(order, len(x) // _TOGETHER + 1)
-        for rows in parts:
-            near = self._near(x[rows], y[rows]) if len(parts) > 1 else self.segments
+            blocks = np.array_split(order, len(x) // _TOGETHER + 1)
+        for rows in blocks:
+            near = self._near(x[rows], y[rows]) if len(blocks) > 1 else self.segments
             *segments, heading, starts = near
             inside, left, distance = on_segments(x[rows, None], y[rows, None], *segments)
             at = np.arange(len(rows)), np.argmin(distance, axis=1)

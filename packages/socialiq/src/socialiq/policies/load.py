@@ -241,8 +241,8 @@ def hash_of_python(
     if module.endswith(".py"):
         if not Path(module).is_file():
             raise UserError(f"no such file: {one_line(module)}")
-        named = [(words[1], Path(module)), *code.further_files(files)]
-        return code.hash_files(words, named, copies)
+        labelled = [(words[1], Path(module)), *code.further_files(files)]
+        return code.hash_files(words, labelled, copies)
     top = module.partition(".")[0]
     # This finder looks at names of files only; `find_spec` of a submodule would import its package.
     spec = PathFinder.find_spec(top) if top.isidentifier() else None

@@ -109,8 +109,8 @@ def declare(
         RULE: rule,
     }
     for table, limits in (("margin", margin), ("competence", competence), ("clip", clip)):
-        named = {} if limits is None else vars(limits)
-        values |= {f"{table}.{name}": value for name, value in named.items()}
+        fields = {} if limits is None else vars(limits)
+        values |= {f"{table}.{name}": value for name, value in fields.items()}
     return parse(_text(values).encode())
 
 

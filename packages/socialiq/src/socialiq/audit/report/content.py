@@ -115,7 +115,7 @@ def content(audited: Audited) -> dict[str, Any]:
     profile, look, angle = audited.profile, audited.look, audited.profile.angle
     results, evidence = results_of(audited), audited.evidence[0]
     verdict = results.verdict
-    shown = {
+    episodes = {
         kind: [
             {**row, "film": path if (path := path_of(kind, number)) in audited.films else None}
             | {"trace": trace}
@@ -146,7 +146,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "left_out": audited.references(left_out=True),
             "strata": results.strata,
             "shift": _shift(results, audited.evidence[1:]),
-            "episodes": shown,
+            "episodes": episodes,
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.scenario.world),
             "scenario": evidence.scenario,
