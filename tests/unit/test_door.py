@@ -77,7 +77,12 @@ STATIC, PAIR = socialiq.StaticConfig(**OFFLINE, value_term="v0"), socialiq.Rewar
         ("rollout_env", (gymnasium.make("CartPole-v1"), "q.zip", 2, 0), "policy is of the type"),
         ("score", (45.0, PAIR), "weights is of the type float: pass RewardPair"),
         ("weights", ("45",), "angle is of the type str: pass float"),
-        ("to_onnx", ("q.safetensors",), "policy is of the type str: pass QPolicy or"),
+        pytest.param(
+            "to_onnx",
+            ("q.safetensors",),
+            "policy is of the type str: pass QPolicy or",
+            marks=pytest.mark.slow,  # it needs an extra, which `make test` lacks
+        ),
         ("action_table", ("q.safetensors", WORLD, "greedy"), "policy is of the type str"),
         ("evaluate_exactly", (WORLD, np.eye(3)), "table is of the type GridWorld: pass Table"),
         ("acting_in", ("crossing5", STATIC, [NUMBERS], 20), "make is of the type str"),

@@ -86,7 +86,8 @@ LACKING += ("data from-minari", "data predict", "data power")
 
 def quick_or_slow(words):
     late = " ".join(words[:2]).startswith(LATE) or words[1] in ("world", "demonstrations")
-    marks = [pytest.mark.slow] if late else []
+    with_extra = "to-minari" in words or "onnx" in words
+    marks = [pytest.mark.slow] if late or with_extra else []  # `make test` has no extras
     return pytest.param(words, id=" ".join(words[:2]), marks=marks)
 
 
@@ -104,7 +105,17 @@ def test_every_command_that_writes_is_called():
         assert name in called or not {"out", "calibrated"} & fields, name
 
 
-@pytest.mark.parametrize("words", CALLS, ids=lambda words: " ".join(words[:2]))
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(
+            words,
+            id=" ".join(words[:2]),
+            marks=[pytest.mark.slow] if "to-minari" in words else [],
+        )
+        for words in CALLS
+    ],
+)
 def test_a_name_of_another_format_is_refused_before_the_work(words, capsys, tmp_path, ok):
     assert main(at(words, ok, tmp_path, f"{tmp_path}/new.xlsx")) == 2
     line = capsys.readouterr().err
