@@ -79,7 +79,6 @@ BASES: dict[str, list[str]] = {
     "data world": [RECORDING, "--out", OUT],
     "data conflicts": [RECORDING, "--pictures", "1", "--out", OUT],
     "data predict": [RECORDING, "--holdout", "moments", "--models", "boosting", "--out", OUT],
-    "data power": [RECORDING, "--repeats", "1", "--sizes", "1", "--out", OUT],
 }
 """By command, words of a call that would work, or nearly: {ok} has samples, {out} is empty."""
 

@@ -46,7 +46,7 @@ def refused(capsys, *arguments):
         (["solve", "crossing7", "--angle", "east"], "--angle east: give a number"),
         (["solve"], "socialiq solve --help"),
         (["sovle", "crossing7"], "socialiq --help lists the commands"),
-        (["reproduce", "fig7"], "choose one of alternatives, angle-trait"),
+        (["reproduce", "fig7"], "choose one of alternatives, audit-angles"),
         (["claims", "--verdict", "maybe"], "choose one of reproduced, adopted, partly"),
         (["bench", "cars"], "choose one of learners, continuous, devices, worlds"),
         (["solve", "intersection"], "can't be listed"),

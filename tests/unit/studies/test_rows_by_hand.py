@@ -7,15 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from socialiq import QPolicy, UserError
+from socialiq import UserError
 from socialiq.evaluation.episodes import Episodes
 from socialiq.evaluation.rollout import MODES
 from socialiq.results_folder import Results
 from socialiq.types import Ending, RewardPair
 from socialiq_lab.declared import State
 from socialiq_lab.tables import options_name
-from socialiq_recordings.trait import traits
-from studies.angle_trait import study as angles
 from studies.audit_power import power
 from studies.audits import study as audits
 from studies.grid import study as grid
@@ -376,64 +374,6 @@ def test_a_pair_of_methods_is_compared_over_the_seeds_of_both():
     (row,) = imitation._paired({"task": "Hopper"}, cell, "online", "cloning")
     assert row["mean"] == pytest.approx((0.2 + 0.6) / 2) and row["task"] == "Hopper"
     assert imitation._paired({}, cell[:4], "online", "cloning") == []  # one seed of both
-
-
-def decided(rows, base=None):
-    """Decisions of some episodes: the first action of two, by an even base."""
-    count = len(rows)
-    even = np.full((count, 3), np.log(1 / 3)) if base is None else base
-    returns, seen = np.zeros((count, 3)), np.zeros((count, 2), np.float32)
-    return angles.Decided(np.array(rows), even, returns, returns, np.zeros(count, int), seen)
-
-
-def test_the_first_episodes_of_each_driver_are_taken():
-    # Two drivers of three episodes: rows 0 to 2 and 3 to 5.
-    early = angles.first_episodes(decided([0, 1, 2, 3, 4, 5, 0]), episodes=3, used=2)
-    assert early.row.tolist() == [0, 1, 3, 4, 0]
-
-
-def test_choices_are_of_chains_of_drivers_whose_first_half_infers():
-    table = angles.choices_of(decided([0, 1, 2, 3, 0, 3]), episodes=2, used=2)
-    assert table.driver.tolist() == table.chain.tolist() == [0, 0, 1, 1, 0, 1]
-    assert table.half.tolist() == [0, 1, 0, 1, 0, 1]
-    np.testing.assert_array_equal(table.acceleration, [-1.0] * 6)  # the first action brakes
-    of_first = table.time[table.driver == 0]
-    assert of_first[0] < of_first[2] < of_first[1]  # both decisions of episode 0, then episode 1
-
-
-def always(action):
-    """A policy that always takes one action of three."""
-    return QPolicy(
-        (np.zeros((3, 2), np.float32),), (np.eye(3, dtype=np.float32)[action],), "relu", 1.0, {}
-    )
-
-
-def test_a_mixture_has_a_share_of_random_actions_and_no_policy_is_even():
-    observation = np.zeros((4, 3))
-    np.testing.assert_allclose(np.exp(angles.base_of([], observation)), 1 / 3)
-    chances = np.exp(angles.base_of([always(0), always(0), always(2)], observation))
-    np.testing.assert_allclose(chances.sum(axis=1), 1.0)
-    expected = 0.95 * np.array([2 / 3, 0.0, 1 / 3]) + 0.05 / 3
-    np.testing.assert_allclose(chances[0], expected)
-
-
-def test_a_family_of_policies_gives_chances_and_mean_candidates():
-    values = np.array([[[0.0, 1.0], [0.0, 0.0], [-np.inf, -np.inf]]])  # decision, candidate, angle
-    trait = traits.family_trait(np.array([0.0, 90.0]), scale=1.0)
-    table = angles.tabulate_family(values, np.array([-1.0, 0.0, 1.0]), trait, random=0.1)
-    chances = np.exp(table.log_p[0])  # candidate, β, angle
-    np.testing.assert_allclose(chances[:2, :, 0], 0.5)  # both candidates are worth as much
-    up = 1 / (1 + np.exp(-trait.shared))
-    np.testing.assert_allclose(chances[0, :, 1], 0.9 * up + 0.05)
-    np.testing.assert_allclose(chances[2], 0.0, atol=1e-300)
-    np.testing.assert_allclose(table.mean[0, :, 1], -(0.9 * up + 0.05))
-
-
-def test_the_scale_of_values_ignores_what_is_no_candidate():
-    values = np.array([[[1.0], [3.0], [-np.inf]]])
-    assert angles.value_scale(values) == pytest.approx(1.0)
-    assert angles.value_scale(3 * values) == pytest.approx(3.0)
-    assert angles.value_scale(np.zeros((0, 3, 1))) == angles.value_scale(np.ones((2, 3, 1))) == 1.0
 
 
 def test_jobs_of_the_recorded_junction_practise_in_one_mixture_alone(tmp_path):

@@ -231,7 +231,7 @@ def test_a_study_is_imported_when_it_is_asked_for():
 
 
 def test_an_unknown_study_and_code_that_may_not_run_are_refused(tmp_path):
-    with pytest.raises(UserError, match="choose one of alternatives, angle-trait"):
+    with pytest.raises(UserError, match="choose one of alternatives, audit-angles"):
         find("fig7")
     with pytest.raises(UserError, match=r"roads has retired: docs/studies/history.md"):
         find("roads")

@@ -38,6 +38,7 @@ def declarations() -> dict[str, Path]:
 
 
 RETIRED = (
+    "angle-trait",
     "angle-zeros",
     "competence",
     "context",

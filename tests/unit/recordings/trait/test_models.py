@@ -15,28 +15,21 @@ from socialiq_recordings.trait.models import (
     sample_of,
     scores,
 )
-from socialiq_recordings.trait.traits import Tabulated, Trait, angle_trait, evaluate, reward_scale
+from socialiq_recordings.trait.traits import STRENGTHS, Trait, angle_trait, evaluate, reward_scale
 
 
 def test_one_choice_by_hand(choices):
     """Base 1/2 each, rewards (1, 0) and (0, 2): at weights (1, 0.5) both are equally good."""
     table, none = choices([0.0], each=1, candidates=2), np.zeros(0)
     rewards = {"r_env": np.array([[1.0, 0.0]]), "r_social": np.array([[0.0, 2.0]])}
-    table = dataclasses.replace(table, log_base=np.log(np.full((1, 2), 0.5)), **rewards)
     weights = np.array([[[1.0, 0.5], [np.log(3.0), 0.0], [0.0, 0.0]]])
     trait = Trait(np.zeros(1), np.zeros(3), weights, none, none, np.zeros((0, 3)))
-    chance = np.exp(Tabulated.of(table, trait).log_p[0, :, 0])
-    np.testing.assert_allclose(chance.T, [[0.5, 0.5], [0.75, 0.25], [0.5, 0.5]])
-
-
-def test_grid_points_are_evaluated_as_the_equation_says(choices):
-    table, trait = choices([0.0, 60.0], each=4), angle_trait(60.0, strengths=(0.0, 2.0))
+    even, first = np.log(np.full((1, 2), 0.5)), np.array([table.grid[0]])
+    table = dataclasses.replace(table, log_base=even, acceleration=first, **rewards)
     found = evaluate(table, trait)
-    every = Tabulated.of(table, trait).log_p
-    log_p = every.reshape(8, 7, -1).transpose(0, 2, 1)
-    chosen = np.take_along_axis(log_p, table.chosen[:, None, None], axis=2)[..., 0]
-    np.testing.assert_allclose(found.log_likelihood.reshape(8, -1), chosen, atol=1e-12)
-    np.testing.assert_allclose(found.mean.reshape(8, -1), np.exp(log_p) @ table.grid, atol=1e-12)
+    chance = np.array([0.5, 0.75, 0.5])
+    np.testing.assert_allclose(np.exp(found.log_likelihood[0, 0]), chance)
+    np.testing.assert_allclose(found.mean[0, 0], [0.0, -1.0, 0.0], atol=1e-12)
 
 
 def test_the_prediction_is_the_mixture(choices):
@@ -128,3 +121,14 @@ def test_chains_that_are_too_few_find_nothing(choices):
     rows = contrasts(fit_models(table, seed=0, step=15.0), seed=0, resamples=200)
     assert {row["chains"] for row in rows} == {needed - 1}
     assert not any(row["found"] for row in rows)
+
+
+def test_drivers_alike_between_points_of_the_grid_have_no_spread(choices):
+    """β and the mean angle lie between points: there a grid that stays coarse makes up a spread."""
+    scale = reward_scale(choices([37.5] * 60, each=30, seed=6))
+    strength = np.sqrt(STRENGTHS[12] * STRENGTHS[13]) / scale
+    models = fit_models(choices([37.5] * 60, each=30, strength=strength, seed=6), 0, step=15.0)
+    population = models.angle.population
+    assert population.quantiles("shared", (0.5,))[0] == pytest.approx(strength, rel=0.1)
+    assert population.quantiles("spread", (0.5,))[0] < 10.0
+    assert abs(contrasts(models, 0, 100)[0]["gain_nats"]) < 1e-3

@@ -8,7 +8,6 @@ COMMANDS = {
     "data demonstrations": "socialiq_recordings.cli.world:ToDemonstrations",
     "data census": "socialiq_recordings.cli.world:TakeCensus",
     "data predict": "socialiq_recordings.cli.prediction:Predict",
-    "data power": "socialiq_recordings.cli.prediction:Power",
     "train practised-dial": "socialiq_recordings.cli.practised_dial:PractisedDial",
 }
 """Module and class of each command."""

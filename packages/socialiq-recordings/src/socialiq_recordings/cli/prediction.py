@@ -1,4 +1,4 @@
-"""`data predict` and `data power`: driver models on held-out drivers, and what data could show."""
+"""`data predict`: driver models on held-out drivers."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tyro
-
-from socialiq.cli.output import Display, print_json, print_table, say
+from socialiq.cli.output import print_json, print_table, say
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Clock
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.statistics.clusters import clusters_needed, least_p
@@ -22,11 +19,9 @@ from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.scores import ERROR
 from socialiq_recordings.prediction.situations import Situations, situations_of
 from socialiq_recordings.prediction.study import HOLDOUTS, Holdout
-from socialiq_recordings.recording import Recording
 from socialiq_recordings.trait import models as trait
-from socialiq_recordings.trait import power
 from socialiq_recordings.trait.hierarchy import direction
-from socialiq_recordings.trait.models import Sample, chains_to_find_anything
+from socialiq_recordings.trait.models import chains_to_find_anything
 
 LIMITS = (
     "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
@@ -87,42 +82,21 @@ class Predict(OfDistinct):
         summary = _summary(situations, prediction.scores, prediction.contrasts)
         summary |= {"trait": tested, "limits": list(LIMITS)} | not_used(recordings)
         if self.out is not None:
-            provenance = _provenance("prediction", config, self.duplicates, recordings)
+            provenance = {
+                "prediction": dataclasses.asdict(config),
+                "duplicates": self.duplicates,
+                "sources": sources_of(recordings),
+            }
             results = Results.of("recordings prediction", provenance, tables, summary)
             pictures = png({"gains": scores.gains(prediction.scores)})
             save(results, self.out, pictures, self.replace)
         if self.json:
             print_json(summary | tables)
         else:
-            second = [row for row in prediction.scores if row["part"] == "second half"]
-            for holdout, moments in dict.fromkeys(
-                (row["holdout"], row["moments"]) for row in second
-            ):
-                group = [r for r in second if (r["holdout"], r["moments"]) == (holdout, moments)]
-                lines = []
-                for row in group:
-                    metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
-                    interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
-                    line: Row = {
-                        "model": row["model"],
-                        "surprise, nats": f"{row['surprise']:.2f}",
-                        "RMSE, m/s²": f"{row['rmse']:.2f}",
-                        "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
-                        "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
-                    }
-                    lines.append(line)
-                title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
-                print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
+            _show_scores(prediction.scores)
             _show_contrasts(prediction.contrasts)
             _show_trait(tables.get("trait_contrasts", []), tested)
         return 0
-
-
-def _provenance(
-    name: str, config: Any, duplicates: str, recordings: list[Recording]
-) -> dict[str, Any]:
-    sources = sources_of(recordings)
-    return {name: dataclasses.asdict(config), "duplicates": duplicates, "sources": sources}
 
 
 def _summary(situations: Situations, rows: list[Row], contrasts: list[Row]) -> dict[str, Any]:
@@ -148,6 +122,27 @@ def _summary(situations: Situations, rows: list[Row], contrasts: list[Row]) -> d
         "contrasts_tested": len(contrasts),
         "contrasts_found": [{n: row[n] for n in names} for row in contrasts if row["found"]],
     }
+
+
+def _show_scores(rows: list[Row]) -> None:
+    """Print a table of second halves for each holdout and kind of moment."""
+    second = [row for row in rows if row["part"] == "second half"]
+    for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in second):
+        group = [r for r in second if (r["holdout"], r["moments"]) == (holdout, moments)]
+        lines = []
+        for row in group:
+            metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
+            interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
+            line: Row = {
+                "model": row["model"],
+                "surprise, nats": f"{row['surprise']:.2f}",
+                "RMSE, m/s²": f"{row['rmse']:.2f}",
+                "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
+                "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
+            }
+            lines.append(line)
+        title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
+        print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
 
 
 def _show_contrasts(rows: list[Row]) -> None:
@@ -189,7 +184,7 @@ def _trait_test(situations: Situations, seed: int) -> tuple[dict[str, list[Row]]
         population's angle, and which contrasts were found.
     """
     try:
-        models = trait.fit_models(study.choices(situations, seed), seed, narrow=True)
+        models = trait.fit_models(study.choices(situations, seed), seed)
     except UserError as error:
         return {}, {"not_tested": str(error)}
     rows, sample = trait.contrasts(models, seed), models.sample
@@ -230,99 +225,8 @@ def _show_trait(rows: list[Row], summary: dict[str, Any]) -> None:
     title = "\nA driver's angle from its first half, on its second"
     counts = f"{summary['decisions']} decisions, {summary['drivers']} drivers"
     print_table(lines, f"{title}: {counts}, {summary['chains']} chains")
-    _say_if_too_few(summary["chains"], summary["chains_needed"])
-
-
-def _say_if_too_few(chains: int, needed: int) -> None:
-    if chains < needed:
+    if summary["chains"] < summary["chains_needed"]:
         say(
-            f"not enough data: with {chains} independent chains no gain can be found "
-            f"after correction, whatever its size; {needed} are needed"
+            f"not enough data: with {summary['chains']} independent chains no gain can be found "
+            f"after correction, whatever its size; {summary['chains_needed']} are needed"
         )
-
-
-_Simulation = tyro.conf.OmitArgPrefixes[power.PowerConfig]
-
-
-@dataclass(frozen=True)
-class Power(OfDistinct):
-    """Simulate drivers of known angles at recorded moments: what is found, and what it would take.
-
-    Example: socialiq data power a.safetensors b.safetensors --out power
-    """
-
-    out: Path | None = None
-    """Folder to write: shares of detections, sizes needed, a figure."""
-    simulation: _Simulation = dataclasses.field(default_factory=power.PowerConfig)
-    replace: bool = False
-    """Replace earlier results in the folder."""
-
-    def run(self) -> int:
-        """Read, simulate, count, write, print."""
-        if self.out is not None:
-            check_target(self.out, self.replace)
-        recordings, identified = self.load()
-        situations = situations_of(recordings, identified, self.duplicates == "drop")
-        sample = trait.sample_of(study.choices(situations, self.simulation.seed))
-        rows = self._rows(sample)
-        needed = power.needed_rows(rows)
-        summary: Row = {
-            "drivers": len(sample.chain),
-            "chains": int(sample.chain.max()) + 1,
-            "chains_needed": chains_to_find_anything(),
-            "decisions": len(sample.table),
-            "decisions_tested": int(sample.second.sum()),
-            "needed": {row["population"]: row for row in needed},
-        } | not_used(recordings)
-        if self.out is not None:
-            config = self.simulation
-            provenance = _provenance("simulation", config, self.duplicates, recordings)
-            tables = {"power": rows, "needed": needed}
-            results = Results.of("recordings power", provenance, tables, summary)
-            save(results, self.out, png({"power": power.power(rows)}), self.replace)
-        if self.json:
-            print_json(summary | {"power": rows})
-        else:
-            lines = [
-                {
-                    "population": row["population"],
-                    "size": f"x {row['size']}",
-                    "drivers": row["drivers"],
-                    "gain, nats": f"{row['gain_nats']:+.4f}",
-                    "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
-                    "found": f"{row['detected']:.0%} ({row['low']:.0%} to {row['high']:.0%})",
-                    "beats all": f"{row['beats_every_rival']:.0%}",
-                }
-                for row in rows
-            ]
-            counts = f"{summary['decisions']} decisions in conflict of {summary['drivers']} drivers"
-            chains = f"in {summary['chains']} independent chains"
-            print_table(lines, f"Simulated drivers at {counts} {chains}")
-            lines = []
-            for row in needed:
-                size = row["size_needed"]
-                bound = f"more than {row['more_than']}" if row["more_than"] else "-"
-                line = {
-                    "population": row["population"],
-                    "RMSE saved if angles were known": f"{100 * row['known_angle_gain']:.1f} %",
-                    "times these data": bound if size is None else f"{size:.1f}",
-                    "drivers": "" if size is None else row["drivers_needed"],
-                    "chains": "" if size is None else row["chains_needed"],
-                }
-                lines.append(line)
-            print_table(lines, f"\nNeeded to find it in {power.POWER:.0%} of tries")
-            _say_if_too_few(summary["chains"], summary["chains_needed"])
-        return 0
-
-    def _rows(self, sample: Sample) -> list[Row]:
-        config = self.simulation
-        total = (len(config.spreads) + 1) * len(config.sizes) * config.repeats
-        with Display(quiet=self.json) as display:
-            report, clock, done = display.stage("simulated drivers"), Clock(0, total, 1), 0
-
-            def counted() -> None:
-                nonlocal done
-                done += 1
-                report(clock.report(done, {}, {}, ())._replace(unit="samples"))
-
-            return power.power_rows(sample, config, counted)

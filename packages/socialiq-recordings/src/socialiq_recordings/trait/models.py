@@ -14,7 +14,6 @@ halves of the other chains. Every model has the same decisions and the same base
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from socialiq.types import Row
 from socialiq_recordings.prediction.choices import ChoiceTable
 from socialiq_recordings.trait import traits
 from socialiq_recordings.trait.hierarchy import Inference, driver_log_likelihood, infer
-from socialiq_recordings.trait.traits import Evaluated, Tabulated, Trait, evaluate
+from socialiq_recordings.trait.traits import Evaluated, Trait, evaluate
 
 GAINS = np.linspace(-1.0, 1.0, 41)
 """κ of residuals: of a normal prediction the mean moves by κ times the residual."""
@@ -79,11 +78,11 @@ class Models(NamedTuple):
     angle: Inference  # the inferred angle
 
 
-def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = False) -> Models:
+def fit_models(table: ChoiceTable, seed: int, step: float = 5.0) -> Models:
     """Infer every trait from first halves and predict second halves.
 
-    `step` is that of the angles integrated over, degrees; `narrow`: grids are narrowed to what
-    first halves leave (`traits`).
+    `step` is that of the angles integrated over, degrees, before grids are narrowed to what first
+    halves leave (`traits`). `seed` is that of the shuffling.
 
     Raises:
         UserError: If fewer than two drivers have decisions in conflict in both halves.
@@ -93,52 +92,23 @@ def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = 
         raise UserError("one driver has decisions in both halves: at least two are needed")
     scale = traits.reward_scale(sample.table)
     angle, gain = traits.angle_trait(step, scale=scale), traits.progress_trait(scale=scale)
-    of_angle, of_gain = (evaluate(sample.table, trait) for trait in (angle, gain))
-    again = (lambda trait: evaluate(sample.table, trait)) if narrow else None
-    return models_of(sample, angle, of_angle, gain, of_gain, seed, again=again)
-
-
-def models_of(
-    sample: Sample,
-    angle: Trait,
-    of_angle: Evaluated,
-    gain: Trait,
-    of_gain: Evaluated,
-    seed: int,
-    shuffles: int = SHUFFLES,
-    every: Tabulated | None = None,
-    again: Callable[[Trait], Evaluated] | None = None,
-) -> Models:
-    """Return `fit_models` of decisions whose grid points are evaluated already.
-
-    Args:
-        sample: The decisions.
-        angle: The angle's grid.
-        of_angle: Its grid points for what was chosen.
-        gain: The progress gain's grid.
-        of_gain: Its grid points for what was chosen.
-        seed: Of the shuffling.
-        shuffles: Turns of the shuffled angle.
-        every: The angle's grid points for every candidate, if they are not by weights of rewards.
-        again: Evaluates a trait on narrower grids for what was chosen; None: grids stay.
-    """
     second, driver = sample.second, sample.driver[sample.second]
     table = sample.table.rows(second)
     base = np.exp(table.log_base) @ table.grid
     chosen = np.take_along_axis(table.log_base, table.chosen[:, None], axis=1)[:, 0]
-    alike, of_alike = _narrowed(sample, angle.alike(), of_angle, again)
-    progress, of_progress = _narrowed(sample, gain, of_gain, again)
-    inferred, later = _narrowed(sample, angle, of_angle, again)
+    alike, of_alike = _narrowed(sample, angle.alike())
+    progress, of_progress = _narrowed(sample, gain)
+    inferred, later = _narrowed(sample, angle)
     predictions = {
         "base": Evaluated(chosen, base),
         "population": predict(of_alike, alike.drivers, driver),
         "progress gain": predict(of_progress, progress.drivers, driver),
         "angle": predict(later, inferred.drivers, driver),
-        **_residual_models(sample, alike, every),
+        **_residual_models(sample, alike),
     }
     rng, count = np.random.default_rng(seed), len(inferred.drivers)
     turns = []
-    for _ in range(shuffles):
+    for _ in range(SHUFFLES):
         cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
         next_driver = np.empty(count, np.int64)
         next_driver[cycle] = np.roll(cycle, 1)
@@ -150,20 +120,19 @@ def models_of(
     return Models(sample, predictions, inferred)
 
 
-def _narrowed(
-    sample: Sample, trait: Trait, evaluated: Evaluated, again: Callable[[Trait], Evaluated] | None
-) -> tuple[Inference, Evaluated]:
-    """Return what first halves say of a trait, on grids narrowed with `again`, and its points."""
+def _narrowed(sample: Sample, trait: Trait) -> tuple[Inference, Evaluated]:
+    """Return what first halves say of a trait, on narrowed grids, and its points."""
     first, drivers = ~sample.second, len(sample.chain)
     narrower = 0
     while True:
+        evaluated = evaluate(sample.table, trait)
         of_decision = evaluated.log_likelihood[first]
         log_likelihood = driver_log_likelihood(of_decision, sample.driver[first], drivers)
         inferred = infer(log_likelihood, sample.chain, trait)
         finer = trait.narrowed(*inferred.left(_LEFT)) if narrower < _NARROWER else None
-        if finer is None or again is None:
+        if finer is None:
             return inferred, evaluated.rows(sample.second)
-        trait, evaluated, narrower = finer, again(finer), narrower + 1
+        trait, narrower = finer, narrower + 1
 
 
 def predict(
@@ -182,9 +151,7 @@ def predict(
     return Evaluated(np.log(np.maximum(within, np.finfo(np.float64).tiny)), mean)
 
 
-def _residual_models(
-    sample: Sample, alike: Inference, every: Tabulated | None
-) -> dict[str, Evaluated]:
+def _residual_models(sample: Sample, alike: Inference) -> dict[str, Evaluated]:
     """Return predictions of second halves by residuals of the base predictor.
 
     The population's prediction is tilted: p(a | s) proportional to p_pop(a | s) exp(κ r a / v), v
@@ -193,18 +160,13 @@ def _residual_models(
     """
     table, second = sample.table, sample.second
     rewards, fold = traits.rewards_of(table), alike.fold[sample.driver]
-    # Log p of every candidate for the population of other chains: by the mean weights, or the mean
-    # of the tabulated probabilities.
+    # Log p of every candidate by the mean weights of the population of other chains.
     log_population = np.empty_like(table.log_base)
     for number, population in enumerate(alike.others):
-        rows, prior = fold == number, population.driver_prior
-        if every is None:
-            weights = np.tensordot(prior, population.trait.weights, 2)[None]
-            score = np.einsum("dcr,wr->dwc", rewards[rows], weights)
-            log_p = log_softmax(table.log_base[rows][:, None, :] + score, axis=2)
-            log_population[rows] = log_p[:, 0]
-        else:
-            log_population[rows] = np.log(np.tensordot(np.exp(every.log_p[rows]), prior, 2))
+        rows = fold == number
+        weights = np.tensordot(population.driver_prior, population.trait.weights, 2)
+        score = np.einsum("dcr,r->dc", rewards[rows], weights)
+        log_population[rows] = log_softmax(table.log_base[rows] + score, axis=1)
     running = _tilted(log_population, table, table.residual)
     without = [~second & (fold != number) for number in range(len(alike.others))]
     of_others = np.array([running.log_likelihood[rows].sum(axis=0) for rows in without])

@@ -20,8 +20,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int64
-from scipy.special import log_softmax
+from jaxtyping import Bool, Float
 
 from socialiq.social.angle import angle_difference
 from socialiq_recordings.prediction.choices import ChoiceTable
@@ -223,24 +222,3 @@ def evaluate(table: ChoiceTable, trait: Trait) -> Evaluated:
         result[0, block_rows] = of_chosen - np.log(total)
         result[1, block_rows] = np.einsum("dcw,c->dw", chance, table.grid) / total
     return Evaluated(*result.reshape(2, len(table), *trait.weights.shape[:2]))
-
-
-class Tabulated(NamedTuple):
-    """Predictions of every candidate at every decision and grid point of a trait."""
-
-    # by decision, candidate, shared number and value
-    log_p: Float[np.ndarray, "decision candidate shared value"]
-    mean: Float[np.ndarray, "decision shared value"]  # by decision, shared number and value
-
-    @staticmethod
-    def of(table: ChoiceTable, trait: Trait) -> Tabulated:
-        """Evaluate all candidates once, so that repeats only look them up."""
-        shape, weights = trait.weights.shape[:2], trait.weights.reshape(-1, 2)
-        score = table.log_base[:, :, None] + rewards_of(table) @ weights.T
-        log_p = log_softmax(score, axis=1)
-        mean = np.einsum("dcw,c->dw", np.exp(log_p), table.grid)
-        return Tabulated(log_p.reshape(len(table), -1, *shape), mean.reshape(len(table), *shape))
-
-    def at(self, rows: np.ndarray, chosen: Int64[np.ndarray, " decision"]) -> Evaluated:
-        """Return the predictions of some rows for what was chosen there."""
-        return Evaluated(self.log_p[rows, chosen], self.mean[rows])
