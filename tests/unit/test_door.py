@@ -1,5 +1,7 @@
 """The public names take what a user passes, or say in one line what they take."""
 
+import contextlib
+import inspect
 import re
 import subprocess
 import sys
@@ -103,6 +105,54 @@ def test_an_argument_of_a_wrong_type_is_one_line(name, arguments, says):
     with pytest.raises(socialiq.UserError) as caught:
         getattr(socialiq, name)(*arguments, **named)
     assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+LAYER = ((np.zeros((3, 8), np.float32),), (np.zeros(3, np.float32),), "relu", 1.0)
+VALUES, MARGIN = socialiq.QPolicy(*LAYER), socialiq.Margin(1.0)
+DIAL = socialiq.DialPolicy(VALUES, 0.0, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda _: socialiq.Optimum("crossing5"), "Optimum: table is of the type str: pass Table"),
+        (lambda _: socialiq.Margin("1"), "Margin: regret is of the type str: pass float"),
+        (lambda _: socialiq.Callbacks("print"), "Callbacks: on_report is of the type str: pass"),
+        (lambda _: socialiq.DialPolicy(VALUES, "0", 90.0), "DialPolicy: low is of the type str"),
+        (lambda _: DIAL.at("45"), "DialPolicy.at: angle is of the type str: pass float"),
+        (lambda _: DIAL.at(None), "DialPolicy.at: angle is of the type NoneType: pass float"),
+        (lambda _: DIAL.at(float("nan")), "angle nan is outside this dial's range"),
+        (lambda _: DIAL.q_values_at("a", "b"), "DialPolicy.q_values_at: observations is of the"),
+        (lambda _: VALUES.q_values("a"), "QPolicy.q_values: observations is of the type str"),
+        (lambda data: data.subsample("2"), "Demonstrations.subsample: every is of the type str"),
+        (lambda data: data.select(3), "Demonstrations.select: episodes is of the type int"),
+        (lambda data: data.one_of_each_block(2, "0"), "seed is of the type str: pass int"),
+        (lambda data: data.with_mode_names(3), "mode_names is of the type int: pass tuple"),
+        (lambda _: PAIR.of_step(1.0, None), "RewardPair.of_step: info is of the type NoneType"),
+    ],
+)
+def test_constructors_and_methods_refuse_a_wrong_type_in_one_line(call, says, data):
+    with pytest.raises(socialiq.UserError) as caught:
+        call(data)
+    assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in socialiq.__all__ if isinstance(getattr(socialiq, n), type)]
+)
+def test_no_public_method_ends_in_an_error_of_pythons_own(name, data):
+    samples = {"DialPolicy": DIAL, "QPolicy": VALUES, "Demonstrations": data, "RewardPair": PAIR}
+    samples |= {"Hyperparameters": NUMBERS, "StaticConfig": STATIC, "Margin": MARGIN}
+    sample = samples.get(name, getattr(socialiq, name))
+    for method in (m for m in dir(sample) if not m.startswith("_") and m not in ("of", "save")):
+        function = getattr(sample, method)
+        if inspect.ismethod(function) and "socialiq" in function.__module__:
+            given = inspect.signature(function).parameters.values()
+            needed = [
+                p for p in given if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD
+            ]
+            with contextlib.suppress(socialiq.UserError):
+                function(*[object()] * len(needed))
 
 
 def test_a_wrong_number_of_arguments_is_pythons_own_error():

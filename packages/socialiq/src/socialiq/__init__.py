@@ -7,7 +7,6 @@ are first used, so that `import socialiq` stays light. Everything else may chang
 from __future__ import annotations
 
 import importlib
-import inspect
 from typing import TYPE_CHECKING, Any
 
 from socialiq.errors import public
@@ -106,7 +105,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'socialiq' has no attribute '{name}'")
     module, _, attribute = _PLACES[name].partition(":")
     value = getattr(importlib.import_module(f"socialiq.{module}"), attribute or name)
-    globals()[name] = public(value, name) if inspect.isfunction(value) else value
+    globals()[name] = public(value, name)
     return globals()[name]
 
 
