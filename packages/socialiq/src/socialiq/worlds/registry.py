@@ -19,6 +19,7 @@ from socialiq.foreign import one_line
 from socialiq.storage import kind_of
 from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.effects import CAUSED, EffectOptions, effects_of
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection import world as intersection
@@ -28,7 +29,7 @@ from socialiq.worlds.world import World
 Kind = TypeVar("Kind")
 WORLDS = {"crossing5": crossing5, "crossing7": crossing7, "intersection": intersection}
 GRIDWORLDS = ("crossing5", "crossing7")
-INTERSECTIONS = ("intersection", *CONTINUOUS)
+INTERSECTIONS = ("intersection", "intersection" + CAUSED, *CONTINUOUS)
 NAMES = (*GRIDWORLDS, *INTERSECTIONS)
 """Every world of `make`."""
 
@@ -85,7 +86,8 @@ def open_world(name: str, **options: Any) -> World:
     """
     loader = _loaders().get(kind_of(Path(name)))
     if loader is None and not name.lower().endswith(_FILES):
-        return world_of(name, **options) if name in SCENES else make(name, **options)
+        scene = name.removesuffix(CAUSED) in SCENES
+        return world_of(name, **options) if scene else make(name, **options)
     if options:
         raise UserError(
             f"the world of a file takes no options, got {', '.join(options)}: "
@@ -103,11 +105,16 @@ def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
         UserError: If the world, an option or an option's value is unknown.
     """
     one_of("world", name, NAMES)
-    kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
-    chosen = parse_options(name, kind, CONTINUOUS.get(name, {}) | options)
+    effects, options = effects_of(name, options)
+    chosen = parse_options(name, _kind(name), CONTINUOUS.get(name, {}) | options)
     if name in GRIDWORLDS:
         return _grid(name, chosen, repr(chosen))
-    return intersection.Intersection(chosen)
+    return intersection.Intersection(chosen, effects)
+
+
+def _kind(name: str) -> Any:
+    """Return the class of a world's options."""
+    return ContinuousOptions if name in CONTINUOUS else WORLDS[name.removesuffix(CAUSED)].Options
 
 
 @lru_cache(maxsize=32)
@@ -134,9 +141,9 @@ def make_grid(name: str, **options: Any) -> GridWorld:
 
 def default_options(name: str) -> dict[str, Any]:
     """Return the default of every option of a world of `NAMES` that its name doesn't give."""
-    kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
     implied = CONTINUOUS.get(name, {})
-    fields = {field.name: field.default for field in dataclasses.fields(kind)}
+    kinds = (_kind(name), EffectOptions) if name.endswith(CAUSED) else (_kind(name),)
+    fields = {field.name: field.default for kind in kinds for field in dataclasses.fields(kind)}
     return {option: default for option, default in fields.items() if option not in implied}
 
 

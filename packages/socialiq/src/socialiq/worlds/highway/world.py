@@ -14,6 +14,16 @@ from jaxtyping import Float32
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.effects import SIGNALS as EFFECT_SIGNALS
+from socialiq.worlds.highway.effects import (
+    ACCOUNT,
+    BEGIN,
+    CAUSED,
+    PREPARE,
+    EffectOptions,
+    Ledger,
+    record_of,
+)
 from socialiq.worlds.highway.options import (
     DECIDE,
     DECIDE_AND_RESET,
@@ -40,10 +50,20 @@ class State(NamedTuple):
     vehicles: np.ndarray  # records of vehicles, (rows, capacity)
     observation: np.ndarray  # (rows, vehicles seen, 7)
     waiting: np.ndarray  # whether the episodes have ended and need a reset, (rows,)
+    ledger: Ledger | None = None  # of what the ego causes, if that is measured
+
+    def arrays(self) -> list[np.ndarray]:
+        """Return all columns."""
+        return [*self[:4], *(self.ledger or ())]
+
+    @staticmethod
+    def of(arrays: Sequence[np.ndarray]) -> State:
+        """Return the state of these columns."""
+        return State(*arrays[:4], Ledger(*arrays[4:]) if len(arrays) > 4 else None)
 
     def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
         """Return the state of the chosen episodes; indices may repeat."""
-        return State(*(column[np.asarray(chosen)] for column in self))
+        return State.of([column[np.asarray(chosen)] for column in self.arrays()])
 
 
 class RoadBatch(abc.ABC):
@@ -58,19 +78,28 @@ class RoadBatch(abc.ABC):
     n_actions: int  # of the road, discrete
 
     def __init__(
-        self, options: RoadOptions, buffers: Buffers, settings: np.ndarray, threads: int
+        self,
+        options: RoadOptions,
+        buffers: Buffers,
+        settings: np.ndarray,
+        threads: int,
+        effects: EffectOptions | None = None,
     ) -> None:
         if threads < 1:
             raise UserError(f"threads must be at least 1, got {threads}")
-        self.options, self.buffers = options, buffers
+        self.options, self.buffers, self.effects = options, buffers, effects
         self._settings, self._threads = settings, threads
         self.size = size = len(buffers.episodes)
+        self.ledger: Ledger | None = None
+        if effects is not None:
+            self._effects = record_of(effects, options)
+            self.ledger = Ledger.of(self._effects, buffers.vehicles.shape[1], size)
         self._waiting = np.ones(size, bool)  # for a reset
         self.begun = np.zeros(size, bool)  # rows whose random stream has begun
 
     @abc.abstractmethod
     def _core(self) -> tuple[Any, Any, np.ndarray]:
-        """Return the entry point of the road's core, its tables for that, and its lanes."""
+        """Return the module of the road's core, its tables for that, and its lanes."""
 
     @abc.abstractmethod
     def like(self, size: int) -> RoadBatch:
@@ -89,9 +118,19 @@ class RoadBatch(abc.ABC):
         """Carry out one command for each episode, as `core.step.run`."""
         from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
 
-        run, road, _ = self._core()
+        core, road, _ = self._core()
         arguments = command, seeds, seeded, actions, self._settings, road
-        run_in_parts(run, self._threads, self.size, self.buffers, *arguments)
+        run_in_parts(core.run, self._threads, self.size, self.buffers, *arguments)
+
+    def _measure(self, command: int, rows: np.ndarray) -> None:
+        """Carry out a command of `core.effects` in some rows, if effects are measured."""
+        if self.ledger is None:
+            return
+        from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
+
+        core, road, _ = self._core()
+        arguments = self.ledger, rows, self._settings, road, self._effects
+        run_in_parts(core.effects, self._threads, self.size, command, self.buffers, *arguments)
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return a whole number for each episode, int64; refuse other actions."""
@@ -137,6 +176,7 @@ class RoadBatch(abc.ABC):
             entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
         commands = np.where(chosen, RESET, SKIP).astype(np.int8)
         self._run(commands, entropy, chosen & (seeds is not None), np.zeros(self.size, np.int64))
+        self._measure(BEGIN, chosen)
         self._waiting[chosen], self.begun[chosen] = False, True
         return self.observation
 
@@ -154,12 +194,19 @@ class RoadBatch(abc.ABC):
         chosen, deciding = self._checked(actions), rows_of(rows, self.size)
         if (self._waiting & deciding).any():
             raise UserError("an episode has not begun, or has ended: reset it first")
-        command = DECIDE_AND_RESET if auto_reset else DECIDE
+        resets = auto_reset and self.ledger is None
+        command = DECIDE_AND_RESET if resets else DECIDE
         commands = np.where(deciding, command, SKIP).astype(np.int8)
+        self._measure(PREPARE, deciding)
         self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
+        self._measure(ACCOUNT, deciding)
+        ended = deciding & (self.buffers.ending != int(Ending.NONE))
+        decisions = self._decisions()
         if not auto_reset:
-            self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
-        return self._decisions()
+            self._waiting |= ended
+        elif not resets and ended.any():  # after what followed the ego's end
+            self.reset(rows=ended)
+        return decisions
 
     def _decisions(self) -> Decisions:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
@@ -170,7 +217,7 @@ class RoadBatch(abc.ABC):
             observation=buffers.reached.reshape(self.size, -1).copy(),
             rewards=RewardPair(*buffers.rewards.T.copy()),
             ending=buffers.ending.copy(),
-            signals=dict(zip(SIGNALS, buffers.signals.T.copy(), strict=True)),
+            signals=self._signals(),
             speed=buffers.speed.copy(),
             contact=buffers.contact.copy(),
             neighbours_collided=buffers.neighbours_collided.copy(),
@@ -178,25 +225,34 @@ class RoadBatch(abc.ABC):
             off_road=left,
         )
 
+    def _signals(self) -> dict[str, np.ndarray]:
+        signals = dict(zip(SIGNALS, self.buffers.signals.T.copy(), strict=True))
+        if self.ledger is not None:
+            signals |= zip(EFFECT_SIGNALS, self.ledger.signals.T.copy(), strict=True)
+        return signals
+
     @property
     def _columns(self) -> State:
         buffers = self.buffers
-        return State(buffers.episodes, buffers.vehicles, buffers.observation, self._waiting)
+        columns = buffers.episodes, buffers.vehicles, buffers.observation, self._waiting
+        return State(*columns, self.ledger)
 
     def save(self) -> State:
         """Return a copy of the state of every episode."""
-        return State(*(column.copy() for column in self._columns))
+        return State.of([column.copy() for column in self._columns.arrays()])
 
     def restore(self, state: State) -> None:
         """Restore a state of this size and these options; episodes go on with identical bits."""
-        columns = self._columns
-        for column, saved in zip(columns, state, strict=True):
+        columns, values = self._columns.arrays(), state.arrays()
+        if len(columns) != len(values):
+            raise UserError("only one of state and batch measures effects: use one world for both")
+        for column, saved in zip(columns, values, strict=True):
             if column.shape != saved.shape or column.dtype != saved.dtype:
                 raise UserError(
                     f"the saved state has the shape {saved.shape}, this batch {column.shape}: "
                     "restore it under the options and the size it was saved with"
                 )
-        for column, saved in zip(columns, state, strict=True):
+        for column, saved in zip(columns, values, strict=True):
             column[:] = saved
         self.begun[:] = self.buffers.episodes["increment_low"] != 0  # odd in every stream
 
@@ -227,6 +283,7 @@ class RoadWorld(World):
     """Compiled road with the thesis' reward pair."""
 
     options: RoadOptions
+    effects: EffectOptions | None  # r_social is what the ego causes, in the place of Eq 4.2
     draws_by_seed: ClassVar[bool] = True
 
     @property
@@ -237,12 +294,13 @@ class RoadWorld(World):
     @property
     def description(self) -> str:
         """Name of the world and its options."""
-        return f"{self.name} {self.options}"
+        return f"{self.name} {self.options}" + (f" {self.effects}" if self.effects else "")
 
     @property
     def reward(self) -> dict[str, Any]:
         """Definition of the reward pair: weights of the signals, and the options that matter."""
-        return reward_definition(self.options)
+        defined = reward_definition(self.options)
+        return defined | {"social": self.effects.definition} if self.effects else defined
 
     @property
     @abc.abstractmethod
@@ -263,21 +321,27 @@ class Batch(RoadBatch):
     n_actions = len(ACTIONS)
 
     def __init__(
-        self, scene: Scene, options: RoadOptions, size: int, threads: int = 1, traced: bool = False
+        self,
+        scene: Scene,
+        options: RoadOptions,
+        size: int,
+        threads: int = 1,
+        traced: bool = False,
+        effects: EffectOptions | None = None,
     ) -> None:
         self.scene = scene
         most = len(scene.road.entries) + len(scene.road.obstacles)
-        buffers = Buffers.of(options, CAR, most, size, traced)
-        super().__init__(options, buffers, settings_of(options), threads)
+        buffers = Buffers.of(options, CAR, most, size, traced or effects is not None)
+        super().__init__(options, buffers, settings_of(options), threads, effects)
 
     def _core(self) -> tuple[Any, Any, np.ndarray]:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
-        return step.run, self.scene.road, self.scene.road.lanes
+        return step, self.scene.road, self.scene.road.lanes
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scene."""
-        return type(self)(self.scene, self.options, size, self._threads)
+        return type(self)(self.scene, self.options, size, self._threads, effects=self.effects)
 
 
 @dataclass(frozen=True)
@@ -286,11 +350,12 @@ class SceneWorld(RoadWorld):
 
     scene: Scene
     options: RoadOptions
+    effects: EffectOptions | None = None
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Name of the scene."""
-        return self.scene.name
+        """Name of the scene, with `CAUSED` if effects are rewarded."""
+        return self.scene.name + (CAUSED if self.effects else "")
 
     @property
     def action_space(self) -> spaces.Discrete:
@@ -306,17 +371,23 @@ class SceneWorld(RoadWorld):
 
     def batch(self, size: int, threads: int = 1, traced: bool = False) -> Batch:
         """Return episodes side by side; see `Batch`."""
-        return Batch(self.scene, self.options, size, threads, traced)
+        return Batch(self.scene, self.options, size, threads, traced, self.effects)
 
 
 def world_of(scene: Scene | str, **options: Any) -> SceneWorld:
     """Return a scene, or one of `SCENES` by name, as a world; other options are the scene's own.
 
+    With `CAUSED` at the end of the name r_social is what the ego causes; `EffectOptions` are
+    options then too.
+
     Raises:
         UserError: If the scene, an option or a value is unknown.
     """
-    chosen = scene_of(scene) if isinstance(scene, str) else scene
+    effects = None
+    if isinstance(scene, str):
+        effects, options = effects_of(scene, options)
+        scene = scene_of(scene.removesuffix(CAUSED))
     names = tuple(field.name for field in dataclasses.fields(RoadOptions))
     for option in options:
-        one_of(f"option of {chosen.name}", option, names)
-    return SceneWorld(chosen, RoadOptions(**{**_CLOCK, **chosen.defaults, **options}))
+        one_of(f"option of {scene.name}", option, names)
+    return SceneWorld(scene, RoadOptions(**{**_CLOCK, **scene.defaults, **options}), effects)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Policy
+from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.options import MAX_SPEED, SKIP
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, State
 from socialiq.worlds.intersection import policies
@@ -63,12 +64,16 @@ class Batch(RoadBatch):
         threads: int = 1,
         back_end: BackEnd = "core",
         traced: bool = False,
+        effects: EffectOptions | None = None,
     ) -> None:
         one_of("back end", back_end, ("core", "highway_env"))
-        super().__init__(options, buffers_of(options, size, traced), settings_of(options), threads)
+        buffers = buffers_of(options, size, traced or effects is not None)
+        super().__init__(options, buffers, settings_of(options), threads, effects)
         self.options: Options = options
         self._real: Any = None
         if back_end == "highway_env":
+            if effects is not None:
+                raise UserError("highway-env can't drive without its ego: use the core")
             from socialiq.worlds.intersection.reference import Reference
 
             self._real = Reference(options, self.buffers)
@@ -76,7 +81,7 @@ class Batch(RoadBatch):
     def _core(self) -> tuple[Any, Any, np.ndarray]:
         from socialiq.worlds.intersection.core import geometry, step  # import Numba when needed
 
-        return step.run, 0, geometry.LANES
+        return step, 0, geometry.LANES
 
     def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         if self._real is not None:
@@ -93,7 +98,7 @@ class Batch(RoadBatch):
 
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scenario, on the core."""
-        return type(self)(self.options, size, self._threads)
+        return type(self)(self.options, size, self._threads, effects=self.effects)
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return numbers, or where actions are continuous floats in [-1, 1]; refuse others."""
@@ -124,10 +129,15 @@ class Intersection(RoadWorld):
     options: Options = field(  # pyright: ignore[reportIncompatibleVariableOverride]  it is frozen
         default_factory=Options
     )
-    name: str = "intersection"
+    effects: EffectOptions | None = None
 
     drivers: ClassVar[tuple[str, ...]] = policies.NAMES
     references: ClassVar[tuple[str, ...]] = ("go", "wait", "idm")
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Name of the world, with `CAUSED` if effects are rewarded."""
+        return "intersection" + (CAUSED if self.effects else "")
 
     @property
     def action_space(self) -> spaces.Discrete | spaces.Box:
@@ -147,7 +157,7 @@ class Intersection(RoadWorld):
         self, size: int, threads: int = 1, back_end: BackEnd = "core", traced: bool = False
     ) -> Batch:
         """Return episodes side by side; see `Batch`."""
-        return Batch(self.options, size, threads, back_end, traced)
+        return Batch(self.options, size, threads, back_end, traced, self.effects)
 
     def driver(self, name: str, seed: int = 0) -> Policy:
         """Return a rule-based driver of `policies.NAMES`."""
@@ -160,6 +170,8 @@ class Intersection(RoadWorld):
         it.
         """
         if self.options.continuous and self.options.destination != "straight":
+            return None
+        if self.effects:
             return None
         sides = env_range(self.options), social_range(self.options)
         return sum(abs(w) * (high - low) for w, (low, high) in zip(weights, sides, strict=True))

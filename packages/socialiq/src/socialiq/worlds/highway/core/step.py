@@ -10,6 +10,7 @@ import numpy as np
 from socialiq.types import Ending
 from socialiq.worlds.highway.core import drivers, rewards, stream
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.effects import effects_of
 from socialiq.worlds.highway.core.geometry import closest_lane, distance, longitudinal, on_lane
 from socialiq.worlds.highway.core.vehicle import advance, collide
 from socialiq.worlds.highway.network import EXIT
@@ -36,6 +37,12 @@ class RoadKernels(NamedTuple):
     reset: Callable[..., Any]
     # (count, vehicles) -> number of records in use, obstacles among them
     records: Callable[..., Any]
+    leaves: Callable[..., Any]  # (vehicle, road) -> whether it is removed after a decision
+    # (episode, vehicles, road, settings): make the ego a driver like the others
+    release: Callable[..., Any]
+    remove: Callable[..., Any]  # (episode, vehicles, slot): take a vehicle off the road
+    # (vehicle, slot, ego, road) -> place of a vehicle in `effects.RELATIONS`
+    relation: Callable[..., Any]
 
 
 @kernel
@@ -160,9 +167,11 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
 def _sub_step(episode, cars, road, settings):
     """Advance by a sub-step: decisions in the order of entry, motion, then collisions."""
     count = episode.vehicles
-    drivers.control(cars[0], road)
-    for slot in range(1, count):
-        drivers.drive(cars, count, slot, road)
+    for slot in range(count):
+        if slot == episode.ego:
+            drivers.control(cars[slot], road)
+        else:
+            drivers.drive(cars, count, slot, road)
     for slot in range(count):
         car = cars[slot]
         car.timer += settings.dt
@@ -213,9 +222,37 @@ def _records(_count, cars):
     return len(cars)
 
 
+@kernel
+def _leaves(_car, _road):
+    return False
+
+
+@kernel
+def _release(episode, _cars, _road, _settings):
+    episode.ego = -1
+
+
+_FAR = 1e6  # m, where removed vehicles stand
+
+
+@kernel
+def _remove(_episode, cars, slot):
+    """Put a vehicle where it meets nobody: entries belong to slots."""
+    car = cars[slot]
+    car.x, car.y, car.speed, car.target_speed = _FAR * (2 + slot), _FAR, 0.0, 0.0
+    car.steering, car.acceleration, car.pushed = 0.0, 0.0, False
+
+
+@kernel
+def _relation(_car, slot, _ego, road):
+    return 0 if road.lanes[road.entries[slot].lane].road == road.lanes[road.entries[0].lane].road else 2
+
+
 _TABLES = _lane, _coordinate, _same_origin, _arrived, _sight
 _CHANGES = drivers.choose, _sub_step, _renew, drivers.reset
-_carry_out = carry_out_of(RoadKernels(*_TABLES, *_CHANGES, _records))
+_KERNELS = RoadKernels(*_TABLES, *_CHANGES, _records, _leaves, _release, _remove, _relation)
+_carry_out = carry_out_of(_KERNELS)
+_effects = effects_of(_KERNELS)
 
 
 def _entry(sources: int):
@@ -226,6 +263,17 @@ def _entry(sources: int):
                 stream.seed(buffers.episodes[row], entropy[row])
             _carry_out(buffers, row, commands[row], actions[row], road, options[0])
         return sources  # so that the cache depends on the sources; see `compile.fingerprint`
+
+    return run
+
+
+def _effects_entry(sources: int):
+    @entry_point
+    def run(command, buffers, ledger, rows, options, road, effects, first, end):
+        for row in range(first, end):
+            if rows[row]:
+                _effects(command, buffers, ledger, row, road, options[0], effects[0])
+        return sources
 
     return run
 
@@ -241,6 +289,13 @@ Args:
     options: SETTINGS record in an array of one.
     road: Tables of the scene, `scenes.Road`; of the intersection 0.
     first: First episode of the part to do, up to `end`.
+"""
+
+
+effects: Any = _effects_entry(fingerprint())
+"""Carry out a command of `core.effects` for some rows of a traced batch, bool (batch,).
+
+Ledger and record are of `highway.effects`; the other arguments are those of `run`.
 """
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from socialiq.worlds.highway.core import stream
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.effects import effects_of
 from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
     distance,
@@ -167,16 +168,19 @@ def _reset(episode, vehicles, road, settings):
 
 
 @kernel
-def _renew(episode, vehicles, _road, settings):
+def _leaves(vehicle, _road):
+    if vehicle.lane % 5 != EXIT:
+        return False
+    lane = LANES[vehicle.lane]
+    return longitudinal(lane, vehicle.x, vehicle.y) >= lane.length - 4 * VEHICLE_LENGTH
+
+
+@kernel
+def _renew(episode, vehicles, road, settings):
     """Remove the vehicles in the last 20 m of an exit, never the ego, and try a spawn."""
     count = 0
     for slot in range(episode.vehicles):
-        vehicle, leaves = vehicles[slot], False
-        if vehicle.lane % 5 == EXIT:
-            lane = LANES[vehicle.lane]
-            along = longitudinal(lane, vehicle.x, vehicle.y)
-            leaves = along >= lane.length - 4 * VEHICLE_LENGTH
-        if slot == episode.ego or not leaves:
+        if slot == episode.ego or not _leaves(vehicles[slot], road):
             _move_slot(episode, vehicles, slot, count)
             count += 1
     episode.vehicles = count
@@ -203,9 +207,37 @@ def _records(count, _vehicles):
     return count
 
 
+@kernel
+def _release(episode, vehicles, _road, settings):
+    """Make the ego the mean driver of the population."""
+    ego, mean = vehicles[episode.ego], settings.population[:, 0]
+    ego.exponent, ego.desired_speed, ego.time_headway, ego.jam_distance = 4.0, mean[0], mean[1], mean[2]
+    ego.max_acceleration, ego.comfort_deceleration = mean[3], mean[4]
+    ego.target_speed = min(SPEED_LIMIT, ego.desired_speed)
+    episode.ego = -1
+
+
+@kernel
+def _remove(episode, vehicles, slot):
+    if slot == episode.ego:
+        episode.ego = -1
+    for following in range(slot + 1, episode.vehicles):
+        _move_slot(episode, vehicles, following, following - 1)
+    episode.vehicles -= 1
+
+
+@kernel
+def _relation(vehicle, _slot, ego, _road):
+    if vehicle.origin == ego.origin:
+        return 0
+    return 1 if vehicle.destination == ego.destination else 2
+
+
 _TABLES = _lane, traffic.route_coordinate, _same_origin, traffic.arrived, _sight
 _CHANGES = traffic.choose, _sub_step, _renew, _reset
-_carry_out = carry_out_of(RoadKernels(*_TABLES, *_CHANGES, _records))
+_KERNELS = RoadKernels(*_TABLES, *_CHANGES, _records, _leaves, _release, _remove, _relation)
+_carry_out = carry_out_of(_KERNELS)
+_effects = effects_of(_KERNELS)
 
 
 def _entry(sources: int):
@@ -220,5 +252,19 @@ def _entry(sources: int):
     return run
 
 
+def _effects_entry(sources: int):
+    @entry_point
+    def run(command, buffers, ledger, rows, options, road, effects, first, end):
+        for row in range(first, end):
+            if rows[row]:
+                _effects(command, buffers, ledger, row, road, options[0], effects[0])
+        return sources
+
+    return run
+
+
 run: Any = _entry(fingerprint(__file__))
 """Carry out a command for every episode of a batch, as `highway.core.step.run`."""
+
+effects: Any = _effects_entry(fingerprint(__file__))
+"""Carry out a command of what the ego causes, as `highway.core.step.effects`."""

@@ -1,0 +1,225 @@
+"""Kernels of what the ego causes: the episode without it, and what others drive in both worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from socialiq.types import Ending
+from socialiq.worlds.highway.core import stream
+from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
+from socialiq.worlds.highway.core.vehicle import clip
+from socialiq.worlds.highway.effects import BEGIN, PREPARE, SIGNALS
+
+HARD = -4.0  # m/s², acceleration below which a braking is hard
+CLOSE = 2.0  # s between two vehicles at one place, from which an encounter is none
+FORESEEN = 3.0  # s before the first of both is there
+_LEAST_SPEED = 0.5  # m/s, of who moves towards an encounter
+_HALVES = (VEHICLE_LENGTH + VEHICLE_WIDTH) / 2  # m of the way on which a crossing place is covered
+_ARRIVED, _COLLIDED = int(Ending.ARRIVAL), int(Ending.COLLISION)
+_TIMED_OUT, _LEFT = int(Ending.TIMEOUT), int(Ending.OTHER)
+
+
+@kernel
+def predicted_gap(ego, vehicle):
+    """Return when the first of two vehicles reaches the crossing of their headings, and the gap.
+
+    Both in s, at constant velocity; the gap is the post-encroachment time of their rectangles, at
+    least 0. It is infinite if they don't both come there.
+    """
+    across = ego.along_x * vehicle.along_y - ego.along_y * vehicle.along_x
+    if abs(across) < 0.1 or ego.speed < _LEAST_SPEED or vehicle.speed < _LEAST_SPEED:
+        return 0.0, np.inf
+    dx, dy = vehicle.x - ego.x, vehicle.y - ego.y
+    ahead = (dx * vehicle.along_y - dy * vehicle.along_x) / across  # m to the crossing
+    ahead_of_vehicle = (dx * ego.along_y - dy * ego.along_x) / across
+    if ahead < -_HALVES or ahead_of_vehicle < -_HALVES:
+        return 0.0, np.inf
+    entry, leaving = (ahead - _HALVES) / ego.speed, (ahead + _HALVES) / ego.speed
+    other_entry = (ahead_of_vehicle - _HALVES) / vehicle.speed
+    other_leaving = (ahead_of_vehicle + _HALVES) / vehicle.speed
+    gap = max(entry - other_leaving, other_entry - leaving, 0.0)
+    return max(min(entry, other_entry), 0.0), gap
+
+
+@kernel
+def encounter(ego, vehicle):
+    """Return how close an encounter is predicted, 0 (none) to 1 (both are there now)."""
+    begin, gap = predicted_gap(ego, vehicle)
+    return clip(1.0 - gap / CLOSE, 0.0, 1.0) * clip(1.0 - begin / FORESEEN, 0.0, 1.0)
+
+
+def effects_of(kernels: Any) -> Callable[..., Any]:
+    """Return the kernel (command, buffers, ledger, row, road, settings, effects) of a road.
+
+    Later traffic is drawn for each decision from a stream of its own, by the episode, so that both
+    worlds and all copies of a state meet the same arrivals. Ledger and record are those of
+    `highway.effects`.
+    """
+    sub_step, renew, records = kernels.sub_step, kernels.renew, kernels.records
+    leaves, remove = kernels.leaves, kernels.remove
+    release, relation = kernels.release, kernels.relation
+    same_origin = kernels.same_origin
+
+    @kernel
+    def prepare(episode, arrivals, number, effects):
+        stream.seed(episode, arrivals + np.uint64(number))
+        episode.next_identity = effects.first_arrival + number
+
+    @kernel
+    def add(vehicle, speed, own, road, settings, totals, hardest):
+        """Add a sub-step of a vehicle, whose speed was given before it, unless it has left."""
+        if vehicle.identity == own or leaves(vehicle, road):
+            return
+        totals[vehicle.identity, 0] += abs(vehicle.speed) * settings.dt
+        if not vehicle.crashed:
+            change = (vehicle.speed - speed) / settings.dt
+            hardest[vehicle.identity] = min(hardest[vehicle.identity], change)
+
+    @kernel
+    def tow(episode, vehicles, wrecked, settings, effects):
+        for slot in range(episode.vehicles - 1, -1, -1):
+            identity = vehicles[slot].identity
+            if vehicles[slot].crashed and wrecked[identity] < effects.tow_after:
+                wrecked[identity] += settings.decision
+                if wrecked[identity] >= effects.tow_after:
+                    remove(episode, vehicles, slot)
+
+    @kernel
+    def drive_on(episodes, vehicles, own, arrivals, number, wrecked, road, settings, effects, moved):
+        """Advance all by the time of a decision; add what others drive to (vehicle, 2) totals.
+
+        The episode is the only one of an array, which keeps its memory.
+        """
+        episode = episodes[0]
+        prepare(episode, arrivals, number, effects)
+        episode.time += settings.decision
+        count, hardest = episode.vehicles, np.zeros(len(moved))
+        speed = np.empty(count)
+        for _ in range(settings.frames):
+            for slot in range(count):
+                speed[slot] = vehicles[slot].speed
+            sub_step(episode, vehicles, road, settings)
+            for slot in range(count):
+                add(vehicles[slot], speed[slot], own, road, settings, moved, hardest)
+        for identity in range(len(moved)):
+            moved[identity, 1] += hardest[identity] < HARD
+        renew(episode, vehicles, road, settings)
+        tow(episode, vehicles, wrecked, settings, effects)
+
+    @kernel
+    def begin(buffers, ledger, row, road, settings, effects):
+        """Drive the world without the ego to the common end."""
+        places, most = buffers.vehicles.shape[1], ledger.driven.shape[1]
+        copies, vehicles = np.empty(1, buffers.episodes.dtype), np.empty(most, buffers.vehicles.dtype)
+        copies[0] = buffers.episodes[row]
+        for slot in range(places):
+            vehicles[slot] = buffers.vehicles[row, slot]
+        ego, wrecked = copies[0].ego, np.zeros(most)
+        for identity in range(most):
+            ledger.relation[row, identity], ledger.wrecked[row, identity] = -1, 0.0
+            for what in range(2):
+                ledger.without[row, identity, what] = 0.0
+                ledger.driven[row, identity, what] = 0.0
+        arrivals, own = copies[0].state_low, vehicles[ego].identity
+        ledger.arrivals[row] = arrivals
+        remove(copies[0], vehicles, ego)
+        for number in range(effects.decisions):
+            moved = np.zeros((most, 2))
+            for slot in range(copies[0].vehicles):
+                if vehicles[slot].identity != own:
+                    kind = relation(vehicles[slot], slot, buffers.vehicles[row, ego], road)
+                    ledger.relation[row, vehicles[slot].identity] = kind
+            drive_on(
+                copies, vehicles, own, arrivals, number, wrecked, road, settings, effects, moved
+            )
+            for what in range(2):
+                ledger.alone[row, number, what] = 0.0
+                for identity in range(most):
+                    ledger.alone[row, number, what] += moved[identity, what]
+                    ledger.without[row, identity, what] += moved[identity, what]
+
+    @kernel
+    def closest(buffers, row, frames, road):
+        """Return the closest encounter of the ego with a vehicle of another origin."""
+        count, ego = buffers.present[row, 0], buffers.present[row, 1]
+        largest = 0.0
+        for slot in range(count):
+            if slot == ego or same_origin(buffers.after[row], slot, ego, road):
+                continue
+            for frame in range(frames):
+                places = buffers.trace[row, frame]
+                largest = max(largest, encounter(places[ego], places[slot]))
+        return largest
+
+    @kernel
+    def follow_up(buffers, ledger, row, number, own, road, settings, effects, moved):
+        """Drive on after the ego's end to the common end."""
+        ending, most = buffers.ending[row], len(moved)
+        copies, vehicles = np.empty(1, buffers.episodes.dtype), np.empty(most, buffers.vehicles.dtype)
+        copies[0] = buffers.episodes[row]
+        for slot in range(buffers.vehicles.shape[1]):
+            vehicles[slot] = buffers.vehicles[row, slot]
+        if ending == _LEFT:
+            vehicles[copies[0].ego].crashed = True
+        elif ending == _TIMED_OUT and effects.released:
+            release(copies[0], vehicles, road, settings)
+        elif ending in (_ARRIVED, _TIMED_OUT):
+            remove(copies[0], vehicles, copies[0].ego)
+        arrivals, wrecked = ledger.arrivals[row], ledger.wrecked[row].copy()
+        for later in range(number + 1, effects.decisions):
+            drive_on(
+                copies, vehicles, own, arrivals, later, wrecked, road, settings, effects, moved
+            )
+
+    @kernel
+    def account(buffers, ledger, row, number, road, settings, effects):
+        """Write the signals of a decision, and the reward that they make."""
+        count, ego = buffers.present[row, 0], buffers.present[row, 1]
+        own, moved = buffers.after[row, ego].identity, np.zeros(ledger.driven[row].shape)
+        hardest = np.zeros(len(moved))
+        for slot in range(count):
+            speed = buffers.before[row, slot].speed
+            for frame in range(settings.frames):
+                vehicle = buffers.trace[row, frame, slot]
+                add(vehicle, speed, own, road, settings, moved, hardest)
+                speed = vehicle.speed
+        for identity in range(len(moved)):
+            moved[identity, 1] += hardest[identity] < HARD
+        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+        tow(episode, vehicles, ledger.wrecked[row], settings, effects)
+        last = number + 1
+        if buffers.ending[row] != 0:
+            follow_up(buffers, ledger, row, number, own, road, settings, effects, moved)
+            last = effects.decisions
+        signals, weights = ledger.signals[row], effects.weights
+        for what in range(2):
+            alone, together = 0.0, 0.0
+            for instant in range(number, last):
+                alone += ledger.alone[row, instant, what]
+            for identity in range(len(moved)):
+                together += moved[identity, what]
+                ledger.driven[row, identity, what] += moved[identity, what]
+            signals[what] = alone - together if what == 0 else together - alone
+        signals[2] = closest(buffers, row, settings.frames, road)
+        reward = 0.0
+        for signal in range(len(SIGNALS)):
+            reward += weights[signal] * signals[signal]
+        if buffers.ending[row] == _COLLIDED:
+            reward += weights[len(SIGNALS)]
+        buffers.rewards[row, 1] = reward
+
+    @kernel
+    def run(command, buffers, ledger, row, road, settings, effects):
+        number = int(np.rint(buffers.episodes[row].time / settings.decision))
+        if command == BEGIN:
+            begin(buffers, ledger, row, road, settings, effects)
+        elif command == PREPARE:
+            prepare(buffers.episodes[row], ledger.arrivals[row], number, effects)
+        else:
+            account(buffers, ledger, row, number - 1, road, settings, effects)
+
+    return run

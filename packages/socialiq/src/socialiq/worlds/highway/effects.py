@@ -1,0 +1,153 @@
+"""What the ego causes: options of the measure, and its arrays beside those of the episodes.
+
+The same episode is driven without the ego, to the same end, so that the difference of both is the
+ego's doing (difference reward; Wolpert and Tumer 2001). Kernels are in `core.effects`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from numbers import Real
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+
+from socialiq.errors import UserError, one_of
+from socialiq.worlds.highway.options import RoadOptions
+
+CAUSED = "-caused"
+"""Ending of the name of a world whose r_social is what the ego causes."""
+
+SIGNALS = ("delay", "braking", "encounter")
+"""Signals of a decision: metres that others lost, hard brakings of others that the ego caused, and
+its closest predicted encounter, 0 to 1. The last decision has what follows the ego's episode."""
+
+RELATIONS = "same_approach", "same_exit", "crossing"
+"""Vehicles by their way: behind or ahead of the ego on its approach, merging with it, others."""
+
+AfterTimeout = Literal["traffic", "removed"]
+
+
+@dataclass(frozen=True)
+class EffectOptions:
+    """Options of a social reward of what the ego causes, in the place of Eq 4.2.
+
+    Raises:
+        UserError: If a value is not supported.
+    """
+
+    horizon: float = 0.0  # s from the reset, the end of both worlds; 0: 1.5 times the duration
+    tow_after: float = 5.0  # s after which wrecks are removed, in both worlds; 0 leaves them
+    # what an ego out of time becomes: a driver like the others, or nothing
+    after_timeout: AfterTimeout = "traffic"
+    delay_weight: float = -0.1  # of a metre that others lost
+    braking_weight: float = -0.5  # of a hard braking of others
+    encounter_weight: float = -1.0  # of a decision's closest encounter
+    caused_collision_weight: float = -5.0  # of the ego's collision
+
+    def __post_init__(self) -> None:
+        one_of("after_timeout", self.after_timeout, get_args(AfterTimeout))
+        for name in ("horizon", "tow_after"):
+            if not (0 <= getattr(self, name) < math.inf):
+                raise UserError(
+                    f"{name} must be a number of seconds of at least 0, got {getattr(self, name)}"
+                )
+        for name in (*SIGNALS, "caused_collision"):
+            if not math.isfinite(getattr(self, f"{name}_weight")):
+                raise UserError(f"{name}_weight must be a finite number")
+
+    def decisions(self, options: RoadOptions) -> int:
+        """Return the number of decisions to the common end.
+
+        Raises:
+            UserError: If an episode may last longer.
+        """
+        seconds = self.horizon or 1.5 * options.duration
+        if seconds < options.duration:
+            raise UserError(
+                f"horizon must be at least the duration of an episode, {options.duration:g} s, "
+                f"got {seconds:g}"
+            )
+        return math.ceil(seconds * options.policy_frequency)
+
+    @property
+    def definition(self) -> dict[str, Any]:
+        """Weights and units of the reward, as JSON."""
+        names = (*SIGNALS, "caused_collision")
+        units = {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
+        return {name: getattr(self, f"{name}_weight") for name in names} | {"units": units}
+
+
+def effects_of(
+    world: str, options: Mapping[str, Any]
+) -> tuple[EffectOptions | None, dict[str, Any]]:
+    """Return the effects that a world's name asks for, with their options, and the other options."""
+    if not world.endswith(CAUSED):
+        return None, dict(options)
+    names = {field.name for field in fields(EffectOptions)}
+    own = {name: value for name, value in options.items() if name in names}
+    for name, value in own.items():
+        if name != "after_timeout" and (isinstance(value, bool) or not isinstance(value, Real)):
+            raise UserError(f"{name} must be a number, got {value!r}")
+    return EffectOptions(**own), {name: options[name] for name in options if name not in names}
+
+
+EFFECTS = np.dtype(
+    [
+        ("decisions", np.int64),  # to the common end
+        ("first_arrival", np.int64),  # identity of what arrives after the first decision
+        ("tow_after", np.float64),  # s; infinite: never
+        ("released", np.bool_),  # whether an ego out of time becomes a driver
+        ("weights", np.float64, (len(SIGNALS) + 1,)),
+    ],
+    align=True,
+)
+"""Record of `EffectOptions` that the core reads."""
+
+
+def record_of(effects: EffectOptions, options: RoadOptions) -> np.ndarray:
+    """Return the record as an array of one element."""
+    record = np.zeros(1, EFFECTS)
+    record["decisions"] = effects.decisions(options)
+    record["first_arrival"] = getattr(options, "initial_vehicle_count", 0) + 1
+    record["tow_after"] = effects.tow_after or math.inf
+    record["released"] = effects.after_timeout == "traffic"
+    names = (*SIGNALS, "caused_collision")
+    record["weights"] = [getattr(effects, f"{name}_weight") for name in names]
+    return record
+
+
+BEGIN, PREPARE, ACCOUNT = range(3)
+"""Commands of the core: after a reset, before a decision, after a decision."""
+
+
+class Ledger(NamedTuple):
+    """What others drive with and without the ego, a row for each episode.
+
+    Vehicles are counted by identity, which is the same in both worlds.
+    """
+
+    arrivals: np.ndarray  # seed of the later traffic, uint64 (batch,)
+    alone: np.ndarray  # metres and hard brakings without the ego, by decision, (batch, decision, 2)
+    without: np.ndarray  # the same by vehicle to the common end, (batch, vehicle, 2)
+    driven: np.ndarray  # with the ego, so far, (batch, vehicle, 2)
+    relation: np.ndarray  # place in `RELATIONS`, -1 for none, int8 (batch, vehicle)
+    wrecked: np.ndarray  # s since a crash, (batch, vehicle)
+    signals: np.ndarray  # of the last decision, (batch, signal)
+
+    @staticmethod
+    def of(record: np.ndarray, records: int, size: int) -> Ledger:
+        """Return an empty ledger of so many episodes, on a road of at least so many records."""
+        decisions = int(record["decisions"][0])
+        vehicles = max(records, int(record["first_arrival"][0]) + decisions + 1)
+        return Ledger(
+            arrivals=np.zeros(size, np.uint64),
+            alone=np.zeros((size, decisions, 2)),
+            without=np.zeros((size, vehicles, 2)),
+            driven=np.zeros((size, vehicles, 2)),
+            relation=np.zeros((size, vehicles), np.int8),
+            wrecked=np.zeros((size, vehicles)),
+            signals=np.zeros((size, len(SIGNALS))),
+        )
