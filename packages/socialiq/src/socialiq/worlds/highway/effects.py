@@ -97,7 +97,7 @@ def effects_of(
 EFFECTS = np.dtype(
     [
         ("decisions", np.int64),  # to the common end
-        ("first_arrival", np.int64),  # identity of what arrives after the first decision
+        ("first_arrival", np.int64),  # identity of what arrives after the first decision; 0: nothing
         ("tow_after", np.float64),  # s; infinite: never
         ("released", np.bool_),  # whether an ego out of time becomes a driver
         ("weights", np.float64, (len(SIGNALS) + 1,)),
@@ -111,7 +111,8 @@ def record_of(effects: EffectOptions, options: RoadOptions) -> np.ndarray:
     """Return the record as an array of one element."""
     record = np.zeros(1, EFFECTS)
     record["decisions"] = effects.decisions(options)
-    record["first_arrival"] = getattr(options, "initial_vehicle_count", 0) + 1
+    initial = getattr(options, "initial_vehicle_count", None)
+    record["first_arrival"] = 0 if initial is None else initial + 1
     record["tow_after"] = effects.tow_after or math.inf
     record["released"] = effects.after_timeout == "traffic"
     names = (*SIGNALS, "caused_collision")
@@ -139,9 +140,9 @@ class Ledger(NamedTuple):
 
     @staticmethod
     def of(record: np.ndarray, records: int, size: int) -> Ledger:
-        """Return an empty ledger of so many episodes, on a road of at least so many records."""
-        decisions = int(record["decisions"][0])
-        vehicles = max(records, int(record["first_arrival"][0]) + decisions + 1)
+        """Return an empty ledger of so many episodes, on a road with so many records."""
+        decisions, first = int(record["decisions"][0]), int(record["first_arrival"][0])
+        vehicles = first + decisions + 1 if first else records
         return Ledger(
             arrivals=np.zeros(size, np.uint64),
             alone=np.zeros((size, decisions, 2)),

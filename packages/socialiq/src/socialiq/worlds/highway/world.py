@@ -22,6 +22,7 @@ from socialiq.worlds.highway.effects import (
     PREPARE,
     EffectOptions,
     Ledger,
+    effects_of,
     record_of,
 )
 from socialiq.worlds.highway.options import (
