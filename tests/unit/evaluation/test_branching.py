@@ -10,7 +10,7 @@ from socialiq.learners.policy_iteration import DialIterationConfig
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 GO = policy("go")
 
@@ -62,7 +62,7 @@ def test_actions_that_select_one_speed_are_equivalent():
 
 
 def labeller(clock=False):
-    return dial_labeller(DialIterationConfig(states_per_update=1), Options(), 50, clock)
+    return dial_labeller(DialIterationConfig(states_per_update=1), Intersection(Options()), 50, clock)
 
 
 def test_labeller_leaves_no_trace_between_calls():

@@ -244,7 +244,9 @@ def train_dial_by_iteration(
         network = network_of(state.target_network, 0)
         return _mean_value(config, DialPolicy.of(network, 1.0, structure.low, structure.high, {}))
 
-    labeller = road.dial_labeller(structure, config.options, config.environments, clock)
+    labeller = road.dial_labeller(
+        structure, Intersection(config.options), config.environments, clock
+    )
     train = partial(
         policy_iteration.train,
         structure,

@@ -172,16 +172,16 @@ def observes_time(start: DialPolicy, options: Options) -> bool:
 
 def dial_labeller(
     structure: policy_iteration.DialIterationConfig,
-    options: Options,
+    world: Intersection,
     environments: int,
     clock: bool,
 ) -> policy_iteration.Labeller:
-    """Return the labeller of one run on the core, whose episodes have angles of their own.
+    """Return the labeller of one run in a world, whose episodes have angles of their own.
 
     Each call begins with new episodes; copies are driven at the angle of their episode.
     """
     states = CHUNK * structure.states_per_update
-    batch = Batch(options, min(environments, states))
+    batch = world.batch(min(environments, states))
 
     def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))

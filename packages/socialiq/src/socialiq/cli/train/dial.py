@@ -34,11 +34,12 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS, grid_world, registry
 from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
 ROADS = ("intersection", *SCENES)
+IMPROVING = "intersection", "intersection" + CAUSED
 """Worlds on highway-env's roads, with discrete actions."""
 ON_ROADS = "intersection"
 """Preset of these worlds."""
@@ -211,6 +212,8 @@ class ImproveDial(Printing):
     _: KW_ONLY
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
+    world: str = "intersection"
+    """World to improve in: intersection, or intersection-caused, which rewards what the ego causes."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     updates: int | None = None
@@ -222,8 +225,11 @@ class ImproveDial(Printing):
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         check_seeds(self.seed)
-        start, scenario = DialPolicy.load(self.dial), Options()
-        clock = road_training.observes_time(start, scenario)
+        one_of("world", self.world, IMPROVING)
+        world = registry.make(self.world)
+        assert isinstance(world, Intersection)
+        start = DialPolicy.load(self.dial)
+        clock = road_training.observes_time(start, world.options)
         settings = {} if self.updates is None else {"updates": self.updates}
         structure, numbers = self.options.apply(
             (road_training.ITERATION, road_training.ITERATION_NUMBERS), settings
@@ -233,14 +239,14 @@ class ImproveDial(Printing):
         if self.environments < 1:
             raise UserError(f"--environments {self.environments}: give 1 or more")
         labellers = [
-            road_training.dial_labeller(static, scenario, self.environments, clock) for _ in runs
+            road_training.dial_labeller(static, world, self.environments, clock) for _ in runs
         ]
         folder = shared.RunFolder(self.out, "dial", self.options, self.json)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
-            sizes, chunk = road_training.sizes_of(scenario, clock), road_training.CHUNK
+            sizes, chunk = road_training.sizes_of(world.options, clock), road_training.CHUNK
             trained = iteration.train(static, runs, labellers, sizes, callbacks, chunk, start)
         record = {"start": shared.described_file(self.dial)}
-        return finish_dials(folder, trained, record, Intersection(scenario))
+        return finish_dials(folder, trained, record, world)
 
 
 @dataclass(frozen=True)

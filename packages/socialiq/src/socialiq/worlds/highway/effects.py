@@ -120,8 +120,11 @@ def record_of(effects: EffectOptions, options: RoadOptions) -> np.ndarray:
     return record
 
 
-BEGIN, PREPARE, ACCOUNT = range(3)
-"""Commands of the core: after a reset, before a decision, after a decision."""
+BEGIN, PREPARE, ACCOUNT, ABSENT, REPEAT = range(5)
+"""Commands of the core: after a reset, before a decision, after a decision; look ahead without the
+ego, or (and above, plus the action) with an ego that repeats an action."""
+
+AHEAD = 5  # decisions of a look ahead
 
 
 class Ledger(NamedTuple):
@@ -137,6 +140,9 @@ class Ledger(NamedTuple):
     relation: np.ndarray  # place in `RELATIONS`, -1 for none, int8 (batch, vehicle)
     wrecked: np.ndarray  # s since a crash, (batch, vehicle)
     signals: np.ndarray  # of the last decision, (batch, signal)
+    # of a look ahead, by vehicle: speed after a decision, m/s, and metres in `AHEAD` decisions; NaN
+    # if it is not there, (batch, vehicle, 2)
+    ahead: np.ndarray
 
     @staticmethod
     def of(record: np.ndarray, records: int, size: int) -> Ledger:
@@ -151,4 +157,5 @@ class Ledger(NamedTuple):
             relation=np.zeros((size, vehicles), np.int8),
             wrecked=np.zeros((size, vehicles)),
             signals=np.zeros((size, len(SIGNALS))),
+            ahead=np.zeros((size, vehicles, 2)),
         )

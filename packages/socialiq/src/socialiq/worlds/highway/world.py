@@ -37,7 +37,7 @@ from socialiq.worlds.highway.options import (
     reward_definition,
     settings_of,
 )
-from socialiq.worlds.highway.scenes import ACTIONS, CAR, Scene, scene_of
+from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, Scene, scene_of
 from socialiq.worlds.world import Decisions, World, observed_with_time, rows_of
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ class RoadBatch(abc.ABC):
     """
 
     n_actions: int  # of the road, discrete
+    faster: int  # action that selects the next higher speed
 
     def __init__(
         self,
@@ -122,6 +123,10 @@ class RoadBatch(abc.ABC):
         core, road, _ = self._core()
         arguments = command, seeds, seeded, actions, self._settings, road
         run_in_parts(core.run, self._threads, self.size, self.buffers, *arguments)
+
+    def look(self, command: int, rows: np.ndarray) -> None:
+        """Write what others would do from here to `ledger.ahead` (`effects.ABSENT`, `REPEAT`)."""
+        self._measure(command, rows)
 
     def _measure(self, command: int, rows: np.ndarray) -> None:
         """Carry out a command of `core.effects` in some rows, if effects are measured."""
@@ -319,7 +324,7 @@ class Batch(RoadBatch):
     With `traced`, `buffers.trace` has the vehicles of every sub-step, for films.
     """
 
-    n_actions = len(ACTIONS)
+    n_actions, faster = len(ACTIONS), FASTER
 
     def __init__(
         self,

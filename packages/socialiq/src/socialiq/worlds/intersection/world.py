@@ -19,6 +19,7 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import (
     ACCELERATION_RANGE,
     ACTIONS,
+    FASTER,
     POPULATIONS,
     SPEED_LIMIT,
     Options,
@@ -55,7 +56,7 @@ class Batch(RoadBatch):
         UserError: If a number is not positive, or highway-env is requested and not installed.
     """
 
-    n_actions = len(ACTIONS)
+    n_actions, faster = len(ACTIONS), FASTER
 
     def __init__(
         self,

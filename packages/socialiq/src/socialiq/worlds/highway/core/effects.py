@@ -7,17 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.physics import overlap_depth
 from socialiq.types import Ending
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.highway.core.vehicle import clip
-from socialiq.worlds.highway.effects import BEGIN, PREPARE, SIGNALS
+from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, REPEAT, SIGNALS
 
 HARD = -4.0  # m/s², acceleration below which a braking is hard
 CLOSE = 2.0  # s between two vehicles at one place, from which an encounter is none
 FORESEEN = 3.0  # s before the first of both is there
 _LEAST_SPEED = 0.5  # m/s, of who moves towards an encounter
+_L, _W = VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2
+_REACH = 2 * np.hypot(_L, _W)  # m between centres of vehicles that may touch
 _HALVES = (VEHICLE_LENGTH + VEHICLE_WIDTH) / 2  # m of the way on which a crossing place is covered
 _ARRIVED, _COLLIDED = int(Ending.ARRIVAL), int(Ending.COLLISION)
 _TIMED_OUT, _LEFT = int(Ending.TIMEOUT), int(Ending.OTHER)
@@ -52,6 +55,46 @@ def encounter(ego, vehicle):
     return clip(1.0 - gap / CLOSE, 0.0, 1.0) * clip(1.0 - begin / FORESEEN, 0.0, 1.0)
 
 
+def _encroachment_entry(sources: int):
+    @entry_point
+    def run(tracks, own, relation, window, gaps, first, end):
+        for row in range(first, end):
+            least = window + 1
+            for identity in range(tracks.shape[1]):
+                if identity == own[row] or relation[row, identity] <= 0:
+                    continue
+                for frame in range(tracks.shape[2]):
+                    ego = tracks[row, own[row], frame]
+                    if np.isnan(ego[0]):
+                        continue
+                    begin, stop = max(frame - least + 1, 0), min(frame + least, tracks.shape[2])
+                    for instant in range(begin, stop):
+                        place = tracks[row, identity, instant]
+                        dx, dy = place[0] - ego[0], place[1] - ego[1]
+                        if not dx * dx + dy * dy < _REACH * _REACH:
+                            continue
+                        depth = overlap_depth(dx, dy, ego[2], place[2], _L, _W, _L, _W)
+                        if depth > 0:
+                            least = min(least, abs(frame - instant))
+            gaps[row] = least
+        return sources
+
+    return run
+
+
+encroachment: Any = _encroachment_entry(fingerprint())
+"""Write the post-encroachment time of each ego to vehicles from other approaches, in frames.
+
+Args:
+    tracks: x, y and heading by identity and frame, NaN where there is none, (row, vehicle, frame, 3).
+    own: Identity of each ego.
+    relation: Place of each vehicle in `RELATIONS`.
+    window: Largest number of frames; a larger gap is written as `window` + 1.
+    gaps: Frames between the first's last and the second's first presence at one place, (row,).
+    first: First row of the part to do, up to `end`.
+"""
+
+
 def effects_of(kernels: Any) -> Callable[..., Any]:
     """Return the kernel (command, buffers, ledger, row, road, settings, effects) of a road.
 
@@ -59,7 +102,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     worlds and all copies of a state meet the same arrivals. Ledger and record are those of
     `highway.effects`.
     """
-    sub_step, renew, records = kernels.sub_step, kernels.renew, kernels.records
+    sub_step, renew, choose = kernels.sub_step, kernels.renew, kernels.choose
     leaves, remove = kernels.leaves, kernels.remove
     release, relation = kernels.release, kernels.relation
     same_origin = kernels.same_origin
@@ -205,6 +248,11 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
                 ledger.driven[row, identity, what] += moved[identity, what]
             signals[what] = alone - together if what == 0 else together - alone
         signals[2] = closest(buffers, row, settings.frames, road)
+        for slot in range(count):
+            identity = buffers.after[row, slot].identity
+            if identity != own and ledger.relation[row, identity] < 0:
+                kind = relation(buffers.after[row, slot], slot, buffers.after[row, ego], road)
+                ledger.relation[row, identity] = kind
         reward = 0.0
         for signal in range(len(SIGNALS)):
             reward += weights[signal] * signals[signal]
@@ -213,13 +261,45 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
         buffers.rewards[row, 1] = reward
 
     @kernel
+    def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
+        """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
+        most = ledger.driven.shape[1]
+        copies, vehicles = np.empty(1, buffers.episodes.dtype), np.empty(most, buffers.vehicles.dtype)
+        copies[0] = buffers.episodes[row]
+        for slot in range(buffers.vehicles.shape[1]):
+            vehicles[slot] = buffers.vehicles[row, slot]
+        own, moved = vehicles[copies[0].ego].identity, np.zeros((most, 2))
+        wrecked, arrivals = ledger.wrecked[row].copy(), ledger.arrivals[row]
+        if action < 0:
+            remove(copies[0], vehicles, copies[0].ego)
+        for identity in range(most):
+            ledger.ahead[row, identity, 0], ledger.ahead[row, identity, 1] = np.nan, np.nan
+        for later in range(AHEAD):
+            if action >= 0:
+                choose(copies[0], vehicles, action, road, settings)
+            drive_on(
+                copies, vehicles, own, arrivals, number + later, wrecked, road, settings, effects,
+                moved,
+            )  # fmt: skip
+            for slot in range(copies[0].vehicles):
+                identity = vehicles[slot].identity
+                if later == 0 and identity != own:
+                    ledger.ahead[row, identity, 0] = vehicles[slot].speed
+        for identity in range(most):
+            if not np.isnan(ledger.ahead[row, identity, 0]):
+                ledger.ahead[row, identity, 1] = moved[identity, 0]
+
+    @kernel
     def run(command, buffers, ledger, row, road, settings, effects):
         number = int(np.rint(buffers.episodes[row].time / settings.decision))
         if command == BEGIN:
             begin(buffers, ledger, row, road, settings, effects)
         elif command == PREPARE:
             prepare(buffers.episodes[row], ledger.arrivals[row], number, effects)
-        else:
+        elif command == ACCOUNT:
             account(buffers, ledger, row, number - 1, road, settings, effects)
+        else:
+            action = command - REPEAT  # -1 without the ego
+            look_ahead(buffers, ledger, row, number, action, road, settings, effects)
 
     return run

@@ -1,0 +1,246 @@
+"""What a driver causes on a road, by episodes without it; beside it what Eq 4.2 charges and credits.
+
+A vehicle's delay is the metres that it drives to the common end without the ego, less those with
+it. The measures need a world that rewards effects (`worlds.highway.effects`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int64
+
+from socialiq.errors import UserError
+from socialiq.evaluation.simulate import actor_of
+from socialiq.statistics.intervals import wilson
+from socialiq.types import Ending, Policy, RewardPair, Row
+from socialiq.worlds.highway.effects import ABSENT, RELATIONS, REPEAT
+from socialiq.worlds.highway.options import SOCIAL_SIGNALS, Contact
+from socialiq.worlds.highway.world import RoadBatch, RoadWorld
+
+SIDE_BY_SIDE = 256  # episodes at once
+LONGEST_GAP = 5.0  # s, of a post-encroachment time
+MOVED = 1.0  # m, from which a vehicle is helped or harmed by an episode
+SLOWED = 0.5  # m/s, from which a decision of the ego slows a vehicle down
+BRAKES = 1.0  # m/s lost in a decision, from which a vehicle brakes
+GAINED = 0.5  # m in the decisions ahead, from which a credited vehicle gains or loses
+
+
+class Effects(NamedTuple):
+    """What a driver causes, a row for each episode; counts are of vehicles and decisions.
+
+    Attributes:
+        totals: Sums of r_env and of the reward of effects.
+        eq_4_2: Sum of Eq 4.2 on the same episodes.
+        ending: Values of `Ending`.
+        at_fault: Whether the ego struck the other.
+        delay: Metres that others lost, by `RELATIONS`.
+        braking: Hard brakings that the ego caused, less those that it prevented.
+        gap: Least post-encroachment time to a vehicle of another approach, s; infinite above 5 s.
+        helped: Vehicles that drive at least 1 m more than without the ego.
+        harmed: Vehicles that drive at least 1 m less.
+        charged: Brakings that Eq 4.2 charges.
+        not_caused: Of these, brakings that would have happened without the ego.
+        caused: Brakings by more than 1 m/s that would not.
+        missed: Of these, brakings that Eq 4.2 does not charge.
+        credited: Vehicles that Eq 4.2 credits as yielded to.
+        gained: Of these, vehicles that gain 0.5 m in 5 decisions over an ego that accelerates.
+        lost: Of these, vehicles that lose 0.5 m.
+    """
+
+    totals: RewardPair
+    eq_4_2: Float[np.ndarray, " episode"]
+    ending: Int64[np.ndarray, " episode"]
+    at_fault: Bool[np.ndarray, " episode"]
+    delay: Float[np.ndarray, "episode relation"]
+    braking: Float[np.ndarray, " episode"]
+    gap: Float[np.ndarray, " episode"]
+    helped: Int64[np.ndarray, " episode"]
+    harmed: Int64[np.ndarray, " episode"]
+    charged: Int64[np.ndarray, " episode"]
+    not_caused: Int64[np.ndarray, " episode"]
+    caused: Int64[np.ndarray, " episode"]
+    missed: Int64[np.ndarray, " episode"]
+    credited: Int64[np.ndarray, " episode"]
+    gained: Int64[np.ndarray, " episode"]
+    lost: Int64[np.ndarray, " episode"]
+
+
+_COUNTS = "charged", "not_caused", "caused", "missed", "credited", "gained", "lost"
+
+
+def measure(world: RoadWorld, policy: Policy, seeds: Sequence[int] | np.ndarray) -> Effects:
+    """Drive one greedy episode for each seed, and return what the driver causes in each.
+
+    Raises:
+        UserError: If the world doesn't measure effects, its actions are continuous, or there is no
+            seed.
+    """
+    if world.effects is None:
+        raise UserError(f"{world.name} doesn't measure effects: name {world.name}-caused")
+    if world.options.continuous:
+        raise UserError("effects need discrete actions: name a road that has them")
+    if not len(seeds):
+        raise UserError("episodes must be at least 1, got 0")
+    blocks = [
+        _drive(world, policy, np.asarray(seeds[first : first + SIDE_BY_SIDE]))
+        for first in range(0, len(seeds), SIDE_BY_SIDE)
+    ]
+    columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    totals = RewardPair(columns.pop("env"), columns.pop("social"))
+    return Effects(totals=totals, **columns)
+
+
+def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns of `Effects` of episodes that begin together."""
+    batch = world.batch(len(seeds))
+    actor, rows = actor_of(batch, policy), np.arange(len(seeds))
+    batch.reset(seeds)
+    actor.begin(rows, seeds)
+    ledger, buffers, options = batch.ledger, batch.buffers, world.options
+    assert ledger is not None
+    weights = [getattr(options, f"{name}_weight") for name in SOCIAL_SIGNALS]
+    tracks = np.full((*ledger.relation.shape, options.decisions * options.frames, 3), np.nan, "f4")
+    own = buffers.vehicles["identity"][rows, buffers.episodes["ego"]]
+    sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
+    counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
+    ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
+    running, decision = np.ones(len(seeds), bool), 0
+    while running.any():
+        action = actor.decide(batch.observation, running)
+        ahead = _looks_ahead(batch, action, running)
+        made = batch.step(action, auto_reset=False, rows=running)
+        eq_4_2 = sum(w * made.signals[name] for w, name in zip(weights, SOCIAL_SIGNALS, strict=True))
+        added = {"env": made.rewards.env, "social": made.rewards.social, "eq_4_2": eq_4_2}
+        for name, column in (added | {"braking": made.signals["braking"]}).items():
+            sums[name] += np.where(running, column, 0.0)
+        for name, column in _judged(batch, ahead, own, made.signals["yielding"]).items():
+            counts[name] += np.where(running, column, 0)
+        frames = slice(decision * options.frames, (decision + 1) * options.frames)
+        _follow(batch, running, tracks[:, :, frames])
+        ending[running], contact[running] = made.ending[running], made.contact[running]
+        running &= made.ending == int(Ending.NONE)
+        decision += 1
+    lost = ledger.without[..., 0] - ledger.driven[..., 0]
+    kinds = ledger.relation[..., None] == np.arange(len(RELATIONS))
+    there = (ledger.relation >= 0) & (ledger.without[..., 0] > 0) & (ledger.driven[..., 0] > 0)
+    return {
+        **sums,
+        **counts,
+        "ending": ending,
+        "at_fault": contact == int(Contact.EGO_STRUCK),
+        "delay": (lost[..., None] * kinds).sum(axis=1),
+        "gap": _gaps(tracks, own, ledger.relation, options.simulation_frequency),
+        "helped": (there & (lost <= -MOVED)).sum(axis=1),
+        "harmed": (there & (lost >= MOVED)).sum(axis=1),
+    }
+
+
+class _Ahead(NamedTuple):
+    """What others do from here, by identity: speeds after a decision, metres of several."""
+
+    absent_speed: Float[np.ndarray, "row vehicle"]
+    repeated: Float[np.ndarray, "row vehicle"]
+    accelerating: Float[np.ndarray, "row vehicle"]
+
+
+def _looks_ahead(batch: RoadBatch, action: np.ndarray, running: np.ndarray) -> _Ahead:
+    ledger = batch.ledger
+    assert ledger is not None
+    batch.look(ABSENT, running)
+    absent_speed = ledger.ahead[..., 0].copy()
+    repeated = np.full_like(absent_speed, np.nan)
+    for number in range(batch.n_actions):
+        chosen = running & (action == number)
+        batch.look(REPEAT + number, chosen)
+        repeated[chosen] = ledger.ahead[chosen, :, 1]
+    batch.look(REPEAT + batch.faster, running)
+    return _Ahead(absent_speed, repeated, ledger.ahead[..., 1].copy())
+
+
+def _judged(
+    batch: RoadBatch, ahead: _Ahead, own: np.ndarray, yielding: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the counts of the last decision: charges and credits of Eq 4.2 against causes."""
+    buffers, options = batch.buffers, batch.options
+    before, after, rows = buffers.before, buffers.after, np.arange(batch.size)
+    slots = np.arange(before.shape[1])
+    identity = after["identity"]
+    there = (slots < buffers.present[:, :1]) & (identity != own[:, None]) & ~after["crashed"]
+    absent = np.take_along_axis(ahead.absent_speed, identity.astype(np.int64), axis=1)
+    slowed = there & (absent - after["speed"] > SLOWED)  # NaN compares as false
+    known = there & ~np.isnan(absent)
+    charged = known & buffers.braking
+    caused = slowed & (before["speed"] - after["speed"] > BRAKES)
+    ego = after[rows, buffers.present[:, 1]]
+    apart = np.hypot(after["x"] - ego["x"][:, None], after["y"] - ego["y"][:, None])
+    credited = there & (yielding > 0)[:, None] & (apart <= options.conflict_distance)
+    gain = np.take_along_axis(ahead.repeated - ahead.accelerating, identity.astype(np.int64), axis=1)
+    columns = {
+        "charged": charged,
+        "not_caused": charged & ~slowed,
+        "caused": caused,
+        "missed": caused & ~buffers.braking,
+        "credited": credited,
+        "gained": credited & (gain > GAINED),
+        "lost": credited & (gain < -GAINED),
+    }
+    return {name: column.sum(axis=1) for name, column in columns.items()}
+
+
+def _follow(batch: RoadBatch, running: np.ndarray, tracks: Float32[np.ndarray, "r v f 3"]) -> None:
+    """Write where the vehicles of a decision were, by identity and frame."""
+    buffers = batch.buffers
+    there = running[:, None] & (np.arange(buffers.after.shape[1]) < buffers.present[:, :1])
+    row, slot = np.nonzero(there)
+    moved = buffers.trace[row, :, slot]  # (vehicle, frame)
+    identity = buffers.after["identity"][row, slot]
+    tracks[row, identity] = np.stack([moved[name] for name in ("x", "y", "heading")], axis=-1)
+
+
+def _gaps(tracks: np.ndarray, own: np.ndarray, relation: np.ndarray, frequency: int) -> np.ndarray:
+    """Return the least post-encroachment time of each episode, s."""
+    from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
+    from socialiq.worlds.highway.core.effects import encroachment
+
+    window, gaps = int(LONGEST_GAP * frequency), np.zeros(len(own), np.int64)
+    arguments = tracks, own.astype(np.int64), relation, window, gaps
+    run_in_parts(encroachment, 1, len(own), *arguments)
+    return np.where(gaps > window, np.inf, gaps / frequency)
+
+
+def summary(effects: Effects) -> Row:
+    """Return means with 95 % intervals: metres, brakings, shares, and the errors of Eq 4.2."""
+    count = len(effects.ending)
+
+    def mean(name: str, values: np.ndarray) -> Row:
+        half = 1.96 * float(values.std(ddof=1)) / count**0.5 if count > 1 else np.nan
+        centre = float(values.mean())
+        return {name: centre, f"{name}_low": centre - half, f"{name}_high": centre + half}
+
+    def share(name: str, happened: np.ndarray) -> Row:
+        value, low, high = wilson(int(happened.sum()), count)
+        return {name: value, f"{name}_low": low, f"{name}_high": high}
+
+    def ratio(part: np.ndarray, of: np.ndarray) -> float:
+        return float(part.sum() / of.sum()) if of.sum() else np.nan
+
+    row: Row = {"episodes": count}
+    row |= mean("r_env", effects.totals.env) | mean("r_caused", effects.totals.social)
+    row |= mean("r_eq_4_2", effects.eq_4_2) | mean("delay", effects.delay.sum(axis=1))
+    for number, name in enumerate(RELATIONS):
+        row |= mean(f"delay_{name}", effects.delay[:, number])
+    row |= mean("braking", effects.braking)
+    row |= share("gap_below_1_s", effects.gap < 1.0) | share("gap_below_2_s", effects.gap < 2.0)
+    row |= mean("helped", effects.helped) | mean("harmed", effects.harmed)
+    for name, ending in (("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)):
+        row |= share(name, effects.ending == int(ending))
+    row |= share("at_fault", effects.at_fault)
+    row |= {"charged": int(effects.charged.sum()), "caused": int(effects.caused.sum())}
+    row |= {"not_caused_of_charged": ratio(effects.not_caused, effects.charged)}
+    row |= {"missed_of_caused": ratio(effects.missed, effects.caused)}
+    row |= {"credited": int(effects.credited.sum())}
+    row |= {"gained_of_credited": ratio(effects.gained, effects.credited)}
+    return row | {"lost_of_credited": ratio(effects.lost, effects.credited)}
