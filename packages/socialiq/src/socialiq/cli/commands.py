@@ -39,6 +39,7 @@ COMMANDS = {
     "turn": "socialiq.cli.export:Turn",
     "ensemble": "socialiq.cli.export:Ensemble",
     "evaluate": "socialiq.cli.evaluate:Evaluate",
+    "effects": "socialiq.cli.effects:EffectsOf",
     "export": "socialiq.cli.export:Export",
     "conformance": "socialiq.cli.conformance:Conformance",
     "profile new": "socialiq.cli.profile:New",

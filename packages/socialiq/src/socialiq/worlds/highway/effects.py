@@ -48,7 +48,6 @@ class EffectOptions:
     caused_collision_weight: float = -5.0  # of the ego's collision
 
     def __post_init__(self) -> None:
-        one_of("after_timeout", self.after_timeout, get_args(AfterTimeout))
         for name in ("horizon", "tow_after"):
             if not (0 <= getattr(self, name) < math.inf):
                 raise UserError(
@@ -89,7 +88,9 @@ def effects_of(
     names = {field.name for field in fields(EffectOptions)}
     own = {name: value for name, value in options.items() if name in names}
     for name, value in own.items():
-        if name != "after_timeout" and (isinstance(value, bool) or not isinstance(value, Real)):
+        if name == "after_timeout":
+            one_of(name, value, get_args(AfterTimeout))
+        elif isinstance(value, bool) or not isinstance(value, Real):
             raise UserError(f"{name} must be a number, got {value!r}")
     return EffectOptions(**own), {name: options[name] for name in options if name not in names}
 

@@ -1,0 +1,156 @@
+"""`effects`: what drivers cause on a road, measured by the same episodes without them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from socialiq.cli.drivers import dial_of, driver_of
+from socialiq.cli.output import Printing, print_json, print_table, say
+from socialiq.errors import UserError, one_of
+from socialiq.evaluation.effects import Effects, measure, summary
+from socialiq.learners.settings import check_seed
+from socialiq.outputs import check_output_folder, whole_folder
+from socialiq.plotting import style
+from socialiq.results_folder import as_csv, versions
+from socialiq.storage import write_atomically, write_json
+from socialiq.to_json import rounded
+from socialiq.types import Policy, Row
+from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.registry import open_world
+
+PRINTED = (
+    "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "braking", "gap_below_1_s",
+    "collision", "arrival", "not_caused_of_charged", "missed_of_caused", "gained_of_credited",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class EffectsOf(Printing):
+    """Measure what drivers cause: metres that others lose, hard brakings, close encounters.
+
+    Every episode is driven again without the ego, with the same later traffic, to a common end.
+    Beside it stands how often Eq 4.2 is wrong on these episodes. Means have 95 % intervals.
+
+    Example: socialiq effects intersection --policy dial.safetensors --angle 0 45 90 --policy wait
+    """
+
+    world: Annotated[str, tyro.conf.Positional]
+    """intersection, merge, roundabout, or another road of highway-env."""
+    _: KW_ONLY
+    policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
+    """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them."""
+    angle: tuple[float, ...] = ()
+    """Angles of dials, in degrees; by default 0, 15, ..., 90."""
+    episodes: int = 1000
+    """Episodes of each driver; the same ones for all."""
+    seed: int = 0
+    """Seed of the first episode."""
+    horizon: float = 0.0
+    """Seconds from the reset to the common end; by default 1.5 times the duration of an episode."""
+    tow_after: float = 5.0
+    """Seconds after which wrecks are removed, with and without the ego; 0 leaves them."""
+    after_timeout: AfterTimeout = "traffic"
+    """What an ego out of time becomes: a driver like the others, or nothing."""
+    out: Path | None = None
+    """Folder to make: effects.csv, episodes.csv, effects.json, effects.png."""
+    allow_code: bool = False
+    """Run a policy that is a program or Python code."""
+
+    def run(self) -> int:
+        """Drive, print, write the folder."""
+        check_seed(self.seed)
+        one_of("world", self.world, ("intersection", *SCENES))
+        if self.episodes < 2:
+            raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
+        if self.out:
+            check_output_folder(self.out, replace=False)
+        options = {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
+        world = open_world(self.world + CAUSED, **options)
+        assert isinstance(world, RoadWorld)
+        seeds, rows, episodes = np.arange(self.seed, self.seed + self.episodes), [], []
+        for name, angle, policy in list(self.drivers(world)):
+            effects = measure(world, policy, seeds)
+            row: Row = {"policy": name, "angle": "" if angle is None else angle}
+            rows.append(row | summary(effects))
+            episodes += [row | line for line in by_episode(effects, seeds)]
+            say(f"{name} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
+        result = {"world": self.world, "seed": self.seed, **options, "drivers": rows}
+        if self.out:
+            with whole_folder(self.out) as folder:
+                write_atomically(folder / "effects.csv", as_csv(rows))
+                write_atomically(folder / "episodes.csv", as_csv(episodes))
+                write_json(folder / "effects.json", rounded(result | {"versions": versions()}))
+                write_atomically(folder / "effects.png", style.png({"": drawn(rows)})[""])
+        if self.json:
+            print_json(result)
+            return 0
+        print_table([{name: row[name] for name in PRINTED} for row in rows], _HEADING)
+        return 0
+
+    def drivers(self, world: RoadWorld) -> Iterator[tuple[str, float | None, Policy]]:
+        """Yield name, angle and policy of every driver; a dial is one at each angle."""
+        for name in self.policy:
+            dial = dial_of(name) if Path(name).is_file() else None
+            if dial is None:
+                yield name, None, driver_of(name, world, None, self.allow_code).policy
+                continue
+            for angle in self.angle or np.arange(dial.low, dial.high + 1e-9, 15.0).tolist():
+                yield Path(name).name, angle, driver_of(name, world, angle, self.allow_code).policy
+
+
+_HEADING = (
+    "delay: metres that others lose in an episode; braking: hard brakings caused; gap: "
+    "post-encroachment time; the last three: shares by which Eq 4.2 charges and credits"
+)
+
+
+def by_episode(effects: Effects, seeds: np.ndarray) -> list[Row]:
+    """Return one row for each episode."""
+    delays = {f"delay_{name}": effects.delay[:, number] for number, name in enumerate(RELATIONS)}
+    columns: dict[str, Any] = {
+        "seed": seeds,
+        "r_env": effects.totals.env,
+        "r_caused": effects.totals.social,
+        "r_eq_4_2": effects.eq_4_2,
+        "ending": effects.ending,
+        **delays,
+        **{name: getattr(effects, name) for name in ("braking", "gap", "helped", "harmed")},
+    }
+    names = list(columns)
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def drawn(rows: list[Row]) -> Any:
+    """Draw delay, hard brakings and close encounters: of dials over the angle, of others as lines."""
+    figure = style.figure(9.0, 3.2)
+    panels = figure.subplots(1, 3)
+    measures = (
+        ("delay", 1.0, "delay of others, m"),
+        ("braking", 1.0, "hard brakings caused"),
+        ("gap_below_1_s", 100.0, "episodes with a gap < 1 s, %"),
+    )
+    names = list(dict.fromkeys(row["policy"] for row in rows))
+    for axes, (measured, factor, label) in zip(panels, measures, strict=True):
+        for number, name in enumerate(names):
+            own = [row for row in rows if row["policy"] == name]
+            columns = [[row[measured + end] * factor for row in own] for end in ("", "_low", "_high")]
+            values, low, high = np.array(columns)
+            color = f"C{number}"
+            if own[0]["angle"] == "":
+                axes.axhline(values[0], color=color, linestyle="--", label=name)
+                continue
+            errors = np.stack([values - low, high - values])
+            places = [row["angle"] for row in own]
+            axes.errorbar(places, values, errors, fmt="o-", color=color, label=name)
+        axes.axhline(0.0, color="#6e6e6e", linewidth=0.8)
+        style.finish(axes, "", xlabel="angle of a dial, degrees", ylabel=label)
+    style.head(figure, "What drivers cause", panels[0], 4)
+    return figure

@@ -1,0 +1,83 @@
+"""Effects of drivers: their sums, the errors of Eq 4.2, and post-encroachment times by hand."""
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.evaluation.effects import _gaps, measure, summary
+from socialiq.types import Ending
+from socialiq.worlds.registry import open_world
+
+SEEDS = np.arange(90_000_000, 90_000_060)
+
+
+@pytest.fixture(scope="module")
+def world():
+    return open_world("intersection-caused")
+
+
+@pytest.fixture(scope="module")
+def waiting(world):
+    return measure(world, world.driver("wait"), SEEDS)
+
+
+def test_who_waits_costs_its_followers(waiting):
+    row = summary(waiting)
+    assert row["delay"] == pytest.approx(waiting.delay.sum(axis=1).mean())
+    assert row["delay_low"] > 20
+    assert row["delay_same_approach"] > 0.8 * row["delay"]
+    assert row["collision"] == 0
+    assert row["gap_below_1_s"] == 0
+    assert (waiting.ending == int(Ending.TIMEOUT)).all()
+    assert row["harmed"] > row["helped"]
+
+
+def test_eq_4_2_is_what_the_plain_world_gives(world, waiting):
+    from socialiq.evaluation.episodes import road_episodes
+
+    plain = open_world("intersection", spawn_probability=0.0)
+    caused = open_world("intersection-caused", spawn_probability=0.0, tow_after=0.0)
+    driver = plain.driver("gap_3s")
+    measured = measure(caused, driver, SEEDS)
+    episodes = road_episodes(plain.batch(len(SEEDS)), driver, SEEDS)
+    np.testing.assert_allclose(measured.eq_4_2, episodes.totals.social, atol=1e-9)
+    np.testing.assert_allclose(measured.totals.env, episodes.totals.env, atol=1e-9)
+
+
+def test_counts_are_of_parts(waiting):
+    assert (waiting.not_caused <= waiting.charged).all()
+    assert (waiting.missed <= waiting.caused).all()
+    assert (waiting.gained + waiting.lost <= waiting.credited).all()
+    assert waiting.caused.sum() > 50  # who queues behind it brakes
+
+
+def test_blocks_of_episodes_make_no_difference(world, monkeypatch):
+    driver = world.driver("go")
+    together = measure(world, driver, SEEDS)
+    monkeypatch.setattr("socialiq.evaluation.effects.SIDE_BY_SIDE", 17)
+    apart = measure(world, driver, SEEDS)
+    for name in together._fields:
+        np.testing.assert_array_equal(getattr(together, name), getattr(apart, name))
+
+
+def test_post_encroachment_times_by_hand():
+    """The ego crosses east, the other south through the same place, a second later."""
+    frames, speed = np.arange(60), 1.0  # m a frame
+    tracks = np.full((1, 3, 60, 3), np.nan, np.float32)
+    tracks[0, 0] = np.stack([speed * frames - 20, 0 * frames, 0 * frames], axis=-1)
+    tracks[0, 1] = np.stack([0 * frames, speed * frames - 30, 0 * frames + np.pi / 2], axis=-1)
+    tracks[0, 2] = tracks[0, 0] - [6.0, 0.0, 0.0]  # a follower does not count
+    own, relation = np.array([0]), np.array([[-1, 2, 0]], np.int8)
+    # The ego's rear leaves the place 3.5 m after the centre, at frame 23; the other's front
+    # reaches it 3.5 m before, at frame 27.
+    assert _gaps(tracks, own, relation, 10) == pytest.approx([0.4])
+    relation[0, 1] = 0
+    assert _gaps(tracks, own, relation, 10) == [np.inf]
+
+
+def test_worlds_that_can_not_be_measured_are_refused(world):
+    driver = world.driver("go")
+    with pytest.raises(UserError, match="name intersection-caused"):
+        measure(open_world("intersection"), driver, SEEDS)
+    with pytest.raises(UserError, match="at least 1"):
+        measure(world, driver, [])
