@@ -62,7 +62,9 @@ def test_actions_that_select_one_speed_are_equivalent():
 
 
 def labeller(clock=False):
-    return dial_labeller(DialIterationConfig(states_per_update=1), Intersection(Options()), 50, clock)
+    return dial_labeller(
+        DialIterationConfig(states_per_update=1), Intersection(Options()), 50, clock
+    )
 
 
 def test_labeller_leaves_no_trace_between_calls():

@@ -129,7 +129,7 @@ def by_episode(effects: Effects, seeds: np.ndarray) -> list[Row]:
 
 
 def drawn(rows: list[Row]) -> Any:
-    """Draw delay, hard brakings and close encounters: of dials over the angle, of others as lines."""
+    """Draw delay, hard brakings and close encounters: dials over the angle, others as lines."""
     figure = style.figure(9.0, 3.2)
     panels = figure.subplots(1, 3)
     measures = (
@@ -141,7 +141,9 @@ def drawn(rows: list[Row]) -> Any:
     for axes, (measured, factor, label) in zip(panels, measures, strict=True):
         for number, name in enumerate(names):
             own = [row for row in rows if row["policy"] == name]
-            columns = [[row[measured + end] * factor for row in own] for end in ("", "_low", "_high")]
+            columns = [
+                [row[measured + end] * factor for row in own] for end in ("", "_low", "_high")
+            ]
             values, low, high = np.array(columns)
             color = f"C{number}"
             if own[0]["angle"] == "":

@@ -1,4 +1,4 @@
-"""What a driver causes on a road, by episodes without it; beside it what Eq 4.2 charges and credits.
+"""What a driver causes on a road, by episodes without it, and what Eq 4.2 charges and credits.
 
 A vehicle's delay is the metres that it drives to the common end without the ego, less those with
 it. The measures need a world that rewards effects (`worlds.highway.effects`).
@@ -7,7 +7,7 @@ it. The measures need a world that rewards effects (`worlds.highway.effects`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -112,7 +112,9 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
         action = actor.decide(batch.observation, running)
         ahead = _looks_ahead(batch, action, running)
         made = batch.step(action, auto_reset=False, rows=running)
-        eq_4_2 = sum(w * made.signals[name] for w, name in zip(weights, SOCIAL_SIGNALS, strict=True))
+        eq_4_2 = sum(
+            w * made.signals[name] for w, name in zip(weights, SOCIAL_SIGNALS, strict=True)
+        )
         added = {"env": made.rewards.env, "social": made.rewards.social, "eq_4_2": eq_4_2}
         for name, column in (added | {"braking": made.signals["braking"]}).items():
             sums[name] += np.where(running, column, 0.0)
@@ -177,7 +179,9 @@ def _judged(
     ego = after[rows, buffers.present[:, 1]]
     apart = np.hypot(after["x"] - ego["x"][:, None], after["y"] - ego["y"][:, None])
     credited = there & (yielding > 0)[:, None] & (apart <= options.conflict_distance)
-    gain = np.take_along_axis(ahead.repeated - ahead.accelerating, identity.astype(np.int64), axis=1)
+    gain = np.take_along_axis(
+        ahead.repeated - ahead.accelerating, identity.astype(np.int64), axis=1
+    )
     columns = {
         "charged": charged,
         "not_caused": charged & ~slowed,

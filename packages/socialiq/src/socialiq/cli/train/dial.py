@@ -213,7 +213,8 @@ class ImproveDial(Printing):
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
     world: str = "intersection"
-    """World to improve in: intersection, or intersection-caused, which rewards what the ego causes."""
+    """World to improve in: intersection, or intersection-caused, whose r_social is what the ego
+    causes."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     updates: int | None = None

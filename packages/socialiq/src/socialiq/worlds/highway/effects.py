@@ -82,7 +82,7 @@ class EffectOptions:
 def effects_of(
     world: str, options: Mapping[str, Any]
 ) -> tuple[EffectOptions | None, dict[str, Any]]:
-    """Return the effects that a world's name asks for, with their options, and the other options."""
+    """Return the effects that a world's name asks for, and the options that are not of them."""
     if not world.endswith(CAUSED):
         return None, dict(options)
     names = {field.name for field in fields(EffectOptions)}
@@ -98,7 +98,10 @@ def effects_of(
 EFFECTS = np.dtype(
     [
         ("decisions", np.int64),  # to the common end
-        ("first_arrival", np.int64),  # identity of what arrives after the first decision; 0: nothing
+        (
+            "first_arrival",
+            np.int64,
+        ),  # identity of what arrives after the first decision; 0: nothing
         ("tow_after", np.float64),  # s; infinite: never
         ("released", np.bool_),  # whether an ego out of time becomes a driver
         ("weights", np.float64, (len(SIGNALS) + 1,)),

@@ -14,7 +14,6 @@ from jaxtyping import Float32
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.effects import SIGNALS as EFFECT_SIGNALS
 from socialiq.worlds.highway.effects import (
     ACCOUNT,
     BEGIN,
@@ -25,6 +24,7 @@ from socialiq.worlds.highway.effects import (
     effects_of,
     record_of,
 )
+from socialiq.worlds.highway.effects import SIGNALS as EFFECT_SIGNALS
 from socialiq.worlds.highway.options import (
     DECIDE,
     DECIDE_AND_RESET,

@@ -28,7 +28,13 @@ NOTICE = "compiling the roads for this machine, once"
 
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
-_TABLES = ("effects", "network", "options", "scenes", "idm")  # beside a folder of kernels; they read these
+_TABLES = (
+    "effects",
+    "network",
+    "options",
+    "scenes",
+    "idm",
+)  # beside a folder of kernels; they read these
 
 
 def kernel(function: Callable[..., Any]) -> Any:

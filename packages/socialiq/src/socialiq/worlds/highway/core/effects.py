@@ -86,7 +86,7 @@ encroachment: Any = _encroachment_entry(fingerprint())
 """Write the post-encroachment time of each ego to vehicles from other approaches, in frames.
 
 Args:
-    tracks: x, y and heading by identity and frame, NaN where there is none, (row, vehicle, frame, 3).
+    tracks: x, y and heading by identity and frame, NaN for none, (row, vehicle, frame, 3).
     own: Identity of each ego.
     relation: Place of each vehicle in `RELATIONS`.
     window: Largest number of frames; a larger gap is written as `window` + 1.
@@ -132,7 +132,9 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
                     remove(episode, vehicles, slot)
 
     @kernel
-    def drive_on(episodes, vehicles, own, arrivals, number, wrecked, road, settings, effects, moved):
+    def drive_on(
+        episodes, vehicles, own, arrivals, number, wrecked, road, settings, effects, moved
+    ):
         """Advance all by the time of a decision; add what others drive to (vehicle, 2) totals.
 
         The episode is the only one of an array, which keeps its memory.
@@ -157,7 +159,10 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     def begin(buffers, ledger, row, road, settings, effects):
         """Drive the world without the ego to the common end."""
         places, most = buffers.vehicles.shape[1], ledger.driven.shape[1]
-        copies, vehicles = np.empty(1, buffers.episodes.dtype), np.empty(most, buffers.vehicles.dtype)
+        copies, vehicles = (
+            np.empty(1, buffers.episodes.dtype),
+            np.empty(most, buffers.vehicles.dtype),
+        )
         copies[0] = buffers.episodes[row]
         for slot in range(places):
             vehicles[slot] = buffers.vehicles[row, slot]
@@ -202,7 +207,10 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     def follow_up(buffers, ledger, row, number, own, road, settings, effects, moved):
         """Drive on after the ego's end to the common end."""
         ending, most = buffers.ending[row], len(moved)
-        copies, vehicles = np.empty(1, buffers.episodes.dtype), np.empty(most, buffers.vehicles.dtype)
+        copies, vehicles = (
+            np.empty(1, buffers.episodes.dtype),
+            np.empty(most, buffers.vehicles.dtype),
+        )
         copies[0] = buffers.episodes[row]
         for slot in range(buffers.vehicles.shape[1]):
             vehicles[slot] = buffers.vehicles[row, slot]
@@ -264,7 +272,10 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
         """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
         most = ledger.driven.shape[1]
-        copies, vehicles = np.empty(1, buffers.episodes.dtype), np.empty(most, buffers.vehicles.dtype)
+        copies, vehicles = (
+            np.empty(1, buffers.episodes.dtype),
+            np.empty(most, buffers.vehicles.dtype),
+        )
         copies[0] = buffers.episodes[row]
         for slot in range(buffers.vehicles.shape[1]):
             vehicles[slot] = buffers.vehicles[row, slot]

@@ -211,7 +211,12 @@ def _records(count, _vehicles):
 def _release(episode, vehicles, _road, settings):
     """Make the ego the mean driver of the population."""
     ego, mean = vehicles[episode.ego], settings.population[:, 0]
-    ego.exponent, ego.desired_speed, ego.time_headway, ego.jam_distance = 4.0, mean[0], mean[1], mean[2]
+    ego.exponent, ego.desired_speed, ego.time_headway, ego.jam_distance = (
+        4.0,
+        mean[0],
+        mean[1],
+        mean[2],
+    )
     ego.max_acceleration, ego.comfort_deceleration = mean[3], mean[4]
     ego.target_speed = min(SPEED_LIMIT, ego.desired_speed)
     episode.ego = -1
