@@ -48,6 +48,7 @@ BASES: dict[str, list[str]] = {
     "turn": [DIAL, "--angle", "30", "--out", OUT],
     "ensemble": [POLICY, POLICY, "--out", OUT],
     "evaluate": [POLICY, "--world", "crossing5"],
+    "effects": ["intersection", "--policy", "go", "--episodes", "2", "--out", OUT],
     "export": [POLICY, "--format", "onnx", "--out", OUT],
     "reproduce": ["worlds", "--out", OUT],
     "claims": [],

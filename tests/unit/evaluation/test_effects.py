@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.effects import _gaps, measure, summary
+from socialiq.evaluation.effects import _gaps, cells_lost, expected_delay, measure, summary
+from socialiq.evaluation.rollout import rollout_table
 from socialiq.types import Ending
-from socialiq.worlds.registry import open_world
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.registry import make_grid, open_world
 
 SEEDS = np.arange(90_000_000, 90_000_060)
 
@@ -81,3 +83,45 @@ def test_worlds_that_can_not_be_measured_are_refused(world):
         measure(open_world("intersection"), driver, SEEDS)
     with pytest.raises(UserError, match="at least 1"):
         measure(world, driver, [])
+
+
+@pytest.mark.parametrize(
+    ("sequence", "lost"), [("GGGG", 1.0), ("WGGGG", 0.0), ("WWWWGGGG", 0.0), ("GWGGG", 0.0)]
+)
+def test_cells_lost_in_the_5x5_world_by_pencil(sequence, lost):
+    """GGGG enters the conflict cell with the other, which waits a step; after a wait none meets."""
+    world = make_grid("crossing5")
+    table = tabulate(world)
+    costs, state, total = cells_lost(table), world.index(np.array([0, 2, 2, 0])), 0.0
+    for letter in sequence:
+        action = "WG".index(letter)
+        total += costs[state, action]
+        state = table.mdp.successor[state, action, 0]
+    assert total == lost
+
+
+def test_cells_lost_in_the_7x7_world_are_those_of_blocked_vehicles():
+    """An ego in the conflict cell (3, 3) holds a vehicle at 1 back by 1 of 2 cells, at 2 by 2."""
+    table = tabulate(make_grid("crossing7"))
+    costs = cells_lost(table)
+
+    def cost(ego, action, first, second=(-1, 0)):
+        state = np.array([ego, 0, *first, *second])
+        return costs[table.world.index(state), action]
+
+    assert cost(2, 1, (1, 2)) == 1.0  # SLOW into the conflict cell
+    assert cost(2, 1, (2, 2)) == 2.0
+    assert cost(2, 1, (2, 2), (1, 2)) == pytest.approx(3.0)
+    assert cost(2, 0, (2, 2)) == 0.0  # STOP before it
+    assert cost(2, 1, (4, 2)) == 0.0  # the vehicle has passed
+    assert cost(2, 1, (6, 2)) == 0.0  # it leaves, and another enters
+
+
+def test_expected_delay_is_the_mean_of_rollouts():
+    table = tabulate(make_grid("crossing7"))
+    chances = np.full((table.mdp.n_states, 3), 1 / 3)
+    costs, rollout = cells_lost(table), rollout_table(table, chances, 4000, 1).transitions
+    states = table.world.index(rollout.observation.astype(np.int64))
+    totals = np.bincount(rollout.episode, costs[states, rollout.action])
+    error = totals.std() / len(totals) ** 0.5
+    assert abs(totals.mean() - expected_delay(table, chances)) < 4 * error

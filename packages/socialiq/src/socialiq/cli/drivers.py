@@ -18,12 +18,11 @@ from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.policies.interface import Interface, Loaded, read_content
 from socialiq.policies.load import load_policy
 from socialiq.storage import kind_of
-from socialiq.worlds import CONTINUOUS, registry
+from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld, world_of
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import World
 
@@ -116,7 +115,9 @@ def road_named(name: str) -> Intersection | SceneWorld:
 
 def intersection_named(name: str) -> Intersection:
     """Return the intersection with its default options, of discrete or continuous actions."""
-    return Intersection(registry.continuous_options(name) if name in CONTINUOUS else Options())
+    world = registry.make(name)
+    assert isinstance(world, Intersection)
+    return world
 
 
 def gridworld_of(name: str, policy: Interface | DialPolicy) -> Table:

@@ -10,21 +10,22 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import dial_of, driver_of
+from socialiq.cli.drivers import dial_of, driver_of, gridworld_of
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.effects import Effects, measure, summary
+from socialiq.evaluation.effects import Effects, expected_delay, measure, summary
+from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
 from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
-from socialiq.types import Policy, Row
+from socialiq.types import Row
 from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
-from socialiq.worlds.registry import open_world
+from socialiq.worlds.registry import GRIDWORLDS, make_grid, open_world
 
 PRINTED = (
     "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "braking", "gap_below_1_s",
@@ -43,9 +44,10 @@ class EffectsOf(Printing):
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """intersection, merge, roundabout, or another road of highway-env."""
+    """intersection, merge, roundabout, another road of highway-env, or a gridworld, whose delay is
+    exact, in cells: crossing5 or crossing7."""
     _: KW_ONLY
-    policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
+    policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them."""
     angle: tuple[float, ...] = ()
     """Angles of dials, in degrees; by default 0, 15, ..., 90."""
@@ -67,47 +69,73 @@ class EffectsOf(Printing):
     def run(self) -> int:
         """Drive, print, write the folder."""
         check_seed(self.seed)
-        one_of("world", self.world, ("intersection", *SCENES))
-        if self.episodes < 2:
-            raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
+        one_of("world", self.world, (*GRIDWORLDS, "intersection", *SCENES))
+        if not self.policy:
+            raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.out:
             check_output_folder(self.out, replace=False)
-        options = {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
-        world = open_world(self.world + CAUSED, **options)
-        assert isinstance(world, RoadWorld)
-        seeds, rows, episodes = np.arange(self.seed, self.seed + self.episodes), [], []
-        for name, angle, policy in list(self.drivers(world)):
-            effects = measure(world, policy, seeds)
-            row: Row = {"policy": name, "angle": "" if angle is None else angle}
-            rows.append(row | summary(effects))
-            episodes += [row | line for line in by_episode(effects, seeds)]
-            say(f"{name} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
-        result = {"world": self.world, "seed": self.seed, **options, "drivers": rows}
+        episodes: list[Row] = []
+        rows, about = self.exact() if self.world in GRIDWORLDS else self.driven(episodes)
+        result = {"world": self.world, **about, "drivers": rows}
         if self.out:
             with whole_folder(self.out) as folder:
                 write_atomically(folder / "effects.csv", as_csv(rows))
-                write_atomically(folder / "episodes.csv", as_csv(episodes))
                 write_json(folder / "effects.json", rounded(result | {"versions": versions()}))
-                write_atomically(folder / "effects.png", style.png({"": drawn(rows)})[""])
+                if episodes:
+                    write_atomically(folder / "episodes.csv", as_csv(episodes))
+                    write_atomically(folder / "effects.png", style.png({"": drawn(rows)})[""])
         if self.json:
             print_json(result)
             return 0
-        print_table([{name: row[name] for name in PRINTED} for row in rows], _HEADING)
+        names = [name for name in PRINTED if name in rows[0]]
+        print_table([{name: row[name] for name in names} for row in rows], _HEADING)
         return 0
 
-    def drivers(self, world: RoadWorld) -> Iterator[tuple[str, float | None, Policy]]:
-        """Yield name, angle and policy of every driver; a dial is one at each angle."""
+    def driven(self, episodes: list[Row]) -> tuple[list[Row], Row]:
+        """Return a row for each driver on a road, and what was chosen; append episodes."""
+        if self.episodes < 2:
+            raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
+        options = {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
+        world = open_world(self.world + CAUSED, **options)
+        assert isinstance(world, RoadWorld)
+        world.batch(1)  # refuses options that don't fit, before the first driver
+        seeds, rows = np.arange(self.seed, self.seed + self.episodes), []
+        for name, angle in self.drivers():
+            with driver_of(name, world, angle, self.allow_code) as loaded:
+                effects = measure(world, loaded.policy, seeds)
+            row: Row = {"policy": Path(name).name, "angle": "" if angle is None else angle}
+            rows.append(row | summary(effects))
+            episodes += [row | line for line in by_episode(effects, seeds)]
+            say(f"{row['policy']} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
+        return rows, {"episodes": self.episodes, "seed": self.seed, **options}
+
+    def exact(self) -> tuple[list[Row], Row]:
+        """Return the expected cells that each driver costs others in a gridworld."""
+        plain, rows = make_grid(self.world), list[Row]()
+        for name, angle in self.drivers():
+            with driver_of(name, plain, angle, self.allow_code) as loaded:
+                table = gridworld_of(self.world, loaded.record.interface)
+                chances = action_table(loaded.policy, table, "greedy")
+            metrics = evaluate_exactly(table, chances)
+            row: Row = {"policy": Path(name).name, "angle": "" if angle is None else angle}
+            row |= {"r_env": metrics.r_env, "r_social": metrics.r_social}
+            row |= {"delay": expected_delay(table, chances), "collision": metrics.collision}
+            rows.append(row | {"arrival": metrics.arrival})
+        return rows, {"unit": "cells"}
+
+    def drivers(self) -> Iterator[tuple[str, float | None]]:
+        """Yield name and angle of every driver; a dial is one at each angle."""
         for name in self.policy:
             dial = dial_of(name) if Path(name).is_file() else None
             if dial is None:
-                yield name, None, driver_of(name, world, None, self.allow_code).policy
+                yield name, None
                 continue
             for angle in self.angle or np.arange(dial.low, dial.high + 1e-9, 15.0).tolist():
-                yield Path(name).name, angle, driver_of(name, world, angle, self.allow_code).policy
+                yield name, angle
 
 
 _HEADING = (
-    "delay: metres that others lose in an episode; braking: hard brakings caused; gap: "
+    "delay: metres (cells) that others lose in an episode; braking: hard brakings caused; gap: "
     "post-encroachment time; the last three: shares by which Eq 4.2 charges and credits"
 )
 

@@ -135,7 +135,7 @@ class Evaluate(Printing):
             measure = self.gridworld()
         elif self.episodes < 1:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
-        elif self.world == "intersection" or self.world in CONTINUOUS:
+        elif self.world in registry.INTERSECTIONS:
             measure = self.intersection
         else:
             measure = self.environment

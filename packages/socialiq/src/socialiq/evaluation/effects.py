@@ -7,15 +7,18 @@ it. The measures need a world that rewards effects (`worlds.highway.effects`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import UserError
+from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.simulate import actor_of
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair, Row
+from socialiq.worlds.enumerate import Table
 from socialiq.worlds.highway.effects import ABSENT, RELATIONS, REPEAT
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld
@@ -213,6 +216,32 @@ def _gaps(tracks: np.ndarray, own: np.ndarray, relation: np.ndarray, frequency: 
     arguments = tracks, own.astype(np.int64), relation, window, gaps
     run_in_parts(encroachment, 1, len(own), *arguments)
     return np.where(gaps > window, np.inf, gaps / frequency)
+
+
+def cells_lost(table: Table) -> Float[np.ndarray, "state action"]:
+    """Return the expected cells that others lose in each step of a gridworld by the ego, exactly.
+
+    The rules give the same step without the ego, which has arrived there. The table has all states.
+    Vehicles don't react to each other, so the sum over an episode is the delay to any later end.
+    """
+    mdp, states = table.mdp, table.states
+    others = [
+        number
+        for number, feature in enumerate(table.world.features)
+        if feature.name.startswith("y_") and feature.name != "y_ego"
+    ]
+    absent = states.copy()
+    absent[:, 0] = states[:, 0].max()
+    alone = mdp.successor[table.world.index(absent), 0]  # (state, chance)
+    lost = states[alone][:, None][..., others] - states[mdp.successor][..., others]
+    return (mdp.probability * lost.sum(axis=-1)).sum(axis=-1)
+
+
+def expected_delay(table: Table, chances: Float[np.ndarray, "*time state action"]) -> float:
+    """Return the cells that others lose in an episode of a policy on average, exactly."""
+    lost = cells_lost(table)
+    mdp = replace(table.mdp, rewards=RewardPair(lost, lost))
+    return evaluate_exactly(replace(table, mdp=mdp), chances).r_env
 
 
 def summary(effects: Effects) -> Row:

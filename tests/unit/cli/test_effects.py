@@ -1,0 +1,50 @@
+"""`effects`: tables and folder of what drivers cause, and calls that it refuses."""
+
+import json
+
+import pytest
+
+from socialiq.cli.main import main
+
+GO = ["effects", "intersection", "--policy", "go", "--episodes", "6"]
+
+
+def test_effects_of_a_rule_on_a_road(tmp_path, capsys):
+    out = tmp_path / "effects"
+    assert main([*GO, "--policy", "wait", "--out", str(out), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    go, wait = result["drivers"]
+    assert (go["policy"], wait["policy"]) == ("go", "wait")
+    assert wait["collision"] == 0
+    assert go["delay_low"] <= go["delay"] <= go["delay_high"]
+    names = {"effects.csv", "episodes.csv", "effects.json", "effects.png"}
+    assert {path.name for path in out.iterdir()} == names
+    assert len((out / "episodes.csv").read_text().splitlines()) == 1 + 12
+    assert (out / "effects.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
+    dial = "results/dial-short/dial.safetensors"
+    words = ["effects", "crossing7", "--policy", dial, "--angle", "0", "45", "--json"]
+    assert main(words) == 0
+    egoist, prosocial = json.loads(capsys.readouterr().out)["drivers"]
+    assert (egoist["angle"], egoist["delay"]) == (0.0, pytest.approx(2.0))
+    assert prosocial["delay"] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["effects", "intersection"], "add --policy FILE"),
+        (["effects", "mars", "--policy", "go"], "unknown world 'mars'"),
+        ([*GO[:-1], "1"], "give 2 or more"),
+        ([*GO, "--horizon", "3"], "horizon must be at least the duration"),
+        ([*GO, "--horizon=-1"], "horizon must be a number of seconds of at least 0"),
+        ([*GO, "--policy", "nowhere"], "nowhere"),
+    ],
+)
+def test_bad_calls_leave_nothing(words, message, tmp_path, capsys):
+    out = tmp_path / "effects"
+    assert main([*words, "--out", str(out)]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
