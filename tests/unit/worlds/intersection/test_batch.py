@@ -212,7 +212,7 @@ def test_a_restored_state_goes_on_to_the_last_bit(population, actions_of):
     for action in script[:7]:
         batch.step(action)
     state = batch.save()
-    kept = [column.copy() for column in state]
+    kept = [column.copy() for column in state.arrays()]
     runs = []
     for one in (batch, batch, other):  # once straight on, twice after restoring
         if runs:
@@ -226,7 +226,7 @@ def test_a_restored_state_goes_on_to_the_last_bit(population, actions_of):
             runs[-1].append(everything_now(one))
         assert resets > 8
     assert runs[0] == runs[1] == runs[2]
-    for column, copy in zip(state, kept, strict=True):
+    for column, copy in zip(state.arrays(), kept, strict=True):
         np.testing.assert_array_equal(column, copy)
 
 

@@ -72,7 +72,7 @@ GROUPS = {
 ELSEWHERE = {
     "socialiq-recordings": (
         *(f"data {word}" for word in ("import", "inspect", "conflicts", "world", "demonstrations")),
-        *(f"data {word}" for word in ("census", "predict", "power")),
+        *(f"data {word}" for word in ("census", "predict")),
         "train practised-dial",
     ),
     "socialiq-lab": ("demo", "sweep", "reproduce", "claims", "bench"),
