@@ -103,7 +103,7 @@ class JunctionBatch(RoadBatch):
         from socialiq_recordings.world import core  # import Numba only when it is needed
 
         junction = self.world.road, self.traffic, self._levels, self.world.config.slack
-        return core.run, junction, np.zeros(0)
+        return core, junction, np.zeros(0)
 
     def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         again = command == DECIDE_AND_RESET

@@ -289,7 +289,8 @@ class RoadWorld(World):
     """Compiled road with the thesis' reward pair."""
 
     options: RoadOptions
-    effects: EffectOptions | None  # r_social is what the ego causes, in the place of Eq 4.2
+    # of a world whose r_social is what the ego causes, in the place of Eq 4.2
+    effects: EffectOptions | None = None
     draws_by_seed: ClassVar[bool] = True
 
     @property
