@@ -32,6 +32,7 @@ def run(folder: Path, *commands: list[str]) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_solve_claims_collect_and_train_need_neither(tmp_path):
     tiny = ["--updates", "4", "--set", "batch_size=4", "--hidden", "4"]
     run(

@@ -125,6 +125,7 @@ def test_a_policy_of_the_best_drives_as_declared_and_its_audit_repeats(audited, 
     assert "an action of 1 number in [-1, 1]" in (folder / "out/annex-iv.md").read_text()
 
 
+@pytest.mark.slow
 def test_python_is_asked_again(audited, folder):
     assert audited("python:a_place.py:towards") == 0
     report = json.loads((folder / "out/report.json").read_text())

@@ -41,6 +41,7 @@ def audited(profile: Path, name: str, out: Path) -> dict:
     return audit_policy(profile.parent / f"{name}.safetensors", profile, out, 300, seed=3)
 
 
+@pytest.mark.slow
 def test_the_driver_that_follows_the_rule_passes(profile: Path, tmp_path: Path) -> None:
     report = audited(profile, "follows", tmp_path / "out")
     assert report["verdict"]["decision"] == "pass"

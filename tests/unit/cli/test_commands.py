@@ -1,4 +1,6 @@
+import contextlib
 import csv
+import io
 import itertools
 import json
 import math
@@ -114,7 +116,9 @@ def test_render_writes_a_png(tmp_path, world, extra):
     [
         ("picture.png", [], b"\x89PNG"),
         ("picture.png", ["--driver", "go", "--seed", "4"], b"\x89PNG"),
-        ("film.gif", ["--driver", "go", "--seed", "35"], b"GIF89a"),
+        pytest.param(
+            "film.gif", ["--driver", "go", "--seed", "35"], b"GIF89a", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_render_draws_the_intersection(tmp_path, file, extra, magic):
@@ -156,6 +160,7 @@ def test_committed_results_are_shown_from_their_folder_or_the_one_above(capsys):
     assert json.loads(above)["study"] == "poc"
 
 
+@pytest.mark.slow
 def test_reproduce_intersection_world_in_small(tmp_path, capsys):
     out = tmp_path / "results"
     command = ["reproduce", "intersection-world", "--set", "episodes=8", "--seeds", "5"]
@@ -353,8 +358,17 @@ def test_train_dial_writes_its_record(dial):
     assert not (dial.parent / "checkpoint.safetensors").exists()
 
 
-def test_dial_tells_what_each_angle_does(capsys, dial):
-    found = json_of(capsys, "dial", "crossing7", "--policy", str(dial), "--every", "30")
+@pytest.fixture(scope="module")
+def every_30(dial):
+    """What `dial` prints of the dial at every 30 degrees."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        assert main(["dial", "crossing7", "--policy", str(dial), "--every", "30", "--json"]) == 0
+    return json.loads(printed.getvalue())
+
+
+def test_dial_tells_what_each_angle_does(capsys, dial, every_30):
+    found = every_30
     assert [row["angle"] for row in found["angles"]] == [0, 30, 60, 90]
     for row in found["angles"]:
         assert row["regret"] >= 0
@@ -385,11 +399,10 @@ def test_dial_tells_what_each_angle_does_at_the_intersection(capsys, tmp_path):
         assert row["mix_angle"] == "" or row["mix_angle_low"] <= row["mix_angle_high"]
 
 
-def test_a_turned_dial_is_evaluated_like_any_policy(capsys, dial, tmp_path):
+def test_a_turned_dial_is_evaluated_like_any_policy(capsys, dial, every_30, tmp_path):
     path = tmp_path / "policy.safetensors"
     json_of(capsys, "turn", str(dial), "--angle", "30", "--out", str(path))
     found = json_of(capsys, "evaluate", str(path), "--world", "crossing7", "--angle", "30")
-    asked = json_of(capsys, "dial", "crossing7", "--policy", str(dial), "--every", "30")
-    row = asked["angles"][1]
+    row = every_30["angles"][1]
     assert found["regret"] == pytest.approx(row["regret"], abs=1e-6)
     assert found["r_env"] == pytest.approx(row["r_env"], abs=1e-6)

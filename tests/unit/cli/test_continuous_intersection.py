@@ -35,6 +35,7 @@ def test_a_dial_of_the_core_sees_the_time_and_is_evaluated_at_an_angle(dial, cap
     assert found[0]["collision"] + found[0]["arrival"] + found[0]["timeout"] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, capsys) -> None:
     data = tmp_path / "drives.safetensors"
     words = ["collect", WORLD, "--driver", f"one={dial}", "--episodes", "3", "--clock"]

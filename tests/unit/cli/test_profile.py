@@ -150,7 +150,9 @@ def test_a_clip_is_whole_and_wide_enough(tmp_path, capsys, field, mend):
     assert mend in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("world", ["crossing5", "crossing7", "intersection"])
+@pytest.mark.parametrize(
+    "world", ["crossing5", "crossing7", pytest.param("intersection", marks=pytest.mark.slow)]
+)
 def test_a_new_declaration_has_a_floor_that_the_best_driver_keeps(tmp_path, world):
     """At 90 degrees the optimum of crossing7 and the shipped dial never arrive."""
     for angle in (0, 45, 67.5, 75, 77.5, 90):

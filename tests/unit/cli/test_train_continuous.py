@@ -120,7 +120,10 @@ def test_standardise_is_of_continuous_actions(tmp_path, capsys) -> None:
         assert "--standardise and --leave-out are of continuous" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("more", [[], ["--world", "Pendulum-v1", "--set", "updates_per_round=20"]])
+ONLINE = ["--world", "Pendulum-v1", "--set", "updates_per_round=20"]
+
+
+@pytest.mark.parametrize("more", [[], pytest.param(ONLINE, marks=pytest.mark.slow)])
 def test_standardised_policies_take_observations_as_they_are(more, data, tmp_path) -> None:
     out = tmp_path / "run"
     words = ["--standardise", "--updates", "20", "--hidden", "8", "--set", "batch_size=4"]

@@ -105,6 +105,7 @@ def test_where_no_share_is_declared_nothing_is_tested(audit):
     assert found.decision is None and (found.above, found.below) == (30.0, 60.0)
 
 
+@pytest.mark.slow
 def test_wrong_passes_on_an_end_of_the_width_come_in_five_percent(audit):
     """Of 300 policies with D = 0 at the lower end at most 9.4 % pass: 5 % and 3.5 errors."""
     wrong = 0

@@ -34,6 +34,7 @@ def test_the_study_s_experts_differ_in_what_counts_in_a_dial_alone() -> None:
     assert {name for name in static if static[name] != committed[name]} == {"high_share"}
 
 
+@pytest.mark.slow
 def test_a_preset_is_laid_under_the_options(tmp_path, as_a_user_runs_it) -> None:
     words = ["train", "sac", "--world", f"{NAME}-steering", "--preset", NAME]
     small = [

@@ -51,6 +51,7 @@ def test_its_minimum_is_the_contrast_of_occupancies() -> None:
     assert wanted.min() == pytest.approx(-float(losses.reward_bound(ALPHA)))
 
 
+@pytest.mark.slow
 def test_it_trains_with_bounded_values(line, drives) -> None:
     numbers = ActorIQLearnHyperparameters(chi2_alpha=0.01, discount=0.5)
     trained = train(STATIC, [numbers], [drives], simulator=line, chunk=10)
