@@ -1,14 +1,21 @@
-import functools
 import importlib.metadata
+import re
 import subprocess
 import sys
 
 import pytest
 
 from socialiq.cli import commands
-from socialiq.cli.commands import COMMANDS, ELSEWHERE, GROUPS, command_class, help_page
+from socialiq.cli.commands import (
+    COMMANDS,
+    ELSEWHERE,
+    GROUPS,
+    command_class,
+    declared_options,
+    help_page,
+)
 from socialiq.cli.main import main, parse
-from socialiq.cli.words import ALIASES, nearest_option, option_names
+from socialiq.cli.words import ALIASES, nearest_option
 from socialiq_lab.registry import STUDIES, declaration
 
 HEAVY = ("jax", "numba", "scipy", "matplotlib", "equinox")
@@ -113,10 +120,25 @@ def test_a_mistake_is_one_line_that_names_the_near_word(words, mend, capsys):
     assert err.startswith("socialiq: ") and mend in err
 
 
+def test_options_are_read_from_sources_as_the_parser_has_them(capsys):
+    for name, place in COMMANDS.items():
+        with pytest.raises(SystemExit):
+            parse([*name.split(), "--help"])
+        page = capsys.readouterr().out
+        shown = re.findall(r"^\W*(?:-\w, )?--([a-z][\w-]*(?:\.[\w-]+)*)", page, re.MULTILINE)
+        assert {*declared_options(*place.split(":"))} == {*shown} - {"help"}, name
+
+
+def test_a_mistyped_option_is_told_before_the_command_is_imported(capsys, monkeypatch):
+    monkeypatch.delattr(commands, "command_class")
+    said = run(capsys, "train", "dial", "--angel", "45")[2]
+    assert said.startswith("socialiq: unknown option --angel: did you mean --angle? socialiq train")
+
+
 def test_aliases_lead_to_options_or_settings():
     known = {name.replace("_", "-") for name in commands.learner_settings()}
-    for name in COMMANDS:
-        known |= {*option_names(functools.partial(parse, [*name.split(), "--help"]))}
+    for place in COMMANDS.values():
+        known |= {*declared_options(*place.split(":"))}
     for word, target in ALIASES.items():
         assert target in known, word
         assert word not in known, word

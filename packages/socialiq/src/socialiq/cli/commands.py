@@ -162,6 +162,40 @@ def learner_settings() -> frozenset[str]:
     return frozenset(names)
 
 
+_NO_OPTION = ""  # of a word that is told by its place
+
+
+def declared_options(module: str, name: str) -> list[str]:
+    """Return the options of a class of this workspace, without their dashes, by its source."""
+    tree, (head, _, last) = _source(module), name.partition(".")
+    for node in tree.body if tree else ():
+        if isinstance(node, ast.ImportFrom) and node.module:
+            source = {alias.asname or alias.name: alias.name for alias in node.names}.get(head)
+            if source:
+                inner = (f"{node.module}.{source}", last) if last else (node.module, source)
+                return declared_options(*inner)
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name:
+            is_word = "Positional" in ast.unparse(node.value)
+            return [_NO_OPTION] if is_word else _options_within(module, node.value)
+        if isinstance(node, ast.ClassDef) and node.name == name:
+            options = [option for base in node.bases for option in _options_within(module, base)]
+            for field in (line for line in node.body if isinstance(line, ast.AnnAssign)):
+                option = ast.unparse(field.target).rstrip("_").replace("_", "-")
+                is_on = isinstance(field.value, ast.Constant) and field.value.value is True
+                is_word = not option or "Positional" in ast.unparse(field.annotation)
+                within = [_NO_OPTION] if is_word else _options_within(module, field.annotation)
+                options += within or [f"no-{option}" if is_on else option]
+            return [option for option in options if option != _NO_OPTION]
+    return []
+
+
+def _options_within(module: str, value: ast.expr) -> list[str]:
+    """Return the options of the classes that an expression names."""
+    nodes = (node for node in ast.walk(value) if isinstance(node, ast.Name | ast.Attribute))
+    names = dict.fromkeys(map(ast.unparse, nodes))
+    return [option for name in names for option in declared_options(module, name)]
+
+
 def _class(module: str, name: str) -> ast.ClassDef | None:
     tree = _source(module)
     classes = (node for node in tree.body if isinstance(node, ast.ClassDef)) if tree else ()

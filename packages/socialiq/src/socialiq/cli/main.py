@@ -11,7 +11,6 @@ import contextlib
 import errno
 import importlib.metadata
 import io
-import itertools
 import os
 import signal
 import sys
@@ -138,7 +137,12 @@ def parse(arguments: list[str] | None) -> Any:
         name = " ".join(line[:length])
         if name not in commands.COMMANDS:
             continue
-        command = _options_of(commands.command_class(name), f"socialiq {name}", line[length:])
+        program, after = f"socialiq {name}", line[length:]
+        options = commands.declared_options(*commands.COMMANDS[name].split(":"))
+        # Before the command's module is imported, which takes seconds.
+        if options and (mistake := words.unknown_option(program, after, options)):
+            raise mistake
+        command = _options_of(commands.command_class(name), program, after)
         if "--json" in every:
             if not hasattr(command, "json"):
                 raise UserError(f"socialiq {name} prints no result: leave --json out")
@@ -172,9 +176,7 @@ def _options_of(kind: Any, program: str, line: list[str], description: str | Non
     except SystemExit as stop:
         if not stop.code:
             raise
-    leading = list(itertools.takewhile(lambda word: not word.startswith("-"), line))
-    names = words.option_names(lambda: parsed([*leading, "--help"]))
-    raise words.unknown_option(program, line, names) or words.mistake(program, line, complaint)
+    raise words.mistake(program, line, complaint)
 
 
 def _print_and_exit(text: str) -> None:

@@ -6,10 +6,8 @@ Words of older releases are forwarded, and unknown ones answered with the neares
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import difflib
-import io
 import itertools
 import math
 import re
@@ -54,7 +52,6 @@ ALIASES = {word: name for name, words in _MEANINGS.items() for word in words.spl
 
 _DECIDED = ("angle", "strength", "seed", "updates", "hidden")
 """Settings that may be options of other names; a typo is answered with the option."""
-_OPTION = re.compile(r"^\W*(?:-\w, )?--([a-z][\w-]*(?:\.[\w-]+)*)", re.MULTILINE)
 
 
 def check_words(words: Sequence[str]) -> None:
@@ -281,14 +278,6 @@ def _missing(program: str, line: list[str], rows: list[str], complaint: Complain
         if ending not in text:
             return UserError(f"{text}; and {ending}")
     return UserError(f"{ending}, or see {program} --help")
-
-
-def option_names(show_help: Callable[[], object]) -> list[str]:
-    """Return the options, without their dashes, of a help page that a function prints."""
-    page = io.StringIO()
-    with contextlib.redirect_stdout(page), contextlib.suppress(SystemExit):
-        show_help()
-    return list(dict.fromkeys(_OPTION.findall(page.getvalue())))
 
 
 def unknown_option(program: str, words: Sequence[str], options: Sequence[str]) -> UserError | None:
