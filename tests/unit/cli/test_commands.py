@@ -360,7 +360,7 @@ def test_train_dial_writes_its_record(dial):
 
 @pytest.fixture(scope="module")
 def every_30(dial):
-    """What `dial` prints of the dial at every 30 degrees."""
+    """Figures that `dial` prints of the dial at every 30 degrees."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         assert main(["dial", "crossing7", "--policy", str(dial), "--every", "30", "--json"]) == 0
