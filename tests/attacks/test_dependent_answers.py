@@ -1,7 +1,8 @@
 """A policy answers by something else than the observation.
 
-By the size of the batch, by the row in it, by the number of requests so far, or by the clock. In an
-audit it drives as declared; elsewhere it drives otherwise.
+By the size of the batch, by the row in it, by the number of requests so far, by the clock, or by
+what its process drew when it was started. In an audit it drives as declared; elsewhere it drives
+otherwise.
 """
 
 import json
@@ -16,7 +17,14 @@ from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
 
 POLICY = """
-import json, sys, time
+import functools, json, sys, time
+
+@functools.cache
+def life():  # number of this process, by a file
+    with open(sys.argv[1] + ".lives", "a") as lives:
+        lives.write(".")
+        return lives.tell()
+
 table = dict((tuple(state), action) for state, action in json.load(open(sys.argv[1])))
 asked = 0
 for line in sys.stdin:
@@ -76,7 +84,7 @@ def test_a_policy_of_observations_passes(audited):
     ("rule", "found_by"),
     [
         ("len(rows) > 1", "single"),
-        ("len(rows) == 300", "shuffled"),
+        ("len(rows) == 250", "shuffled"),
         ("place > 2", "shuffled"),
         ("asked <= 5", "repeated"),
         ("asked <= 50", "single"),
@@ -91,6 +99,12 @@ def test_another_does_not_pass(audited, rule, found_by):
     if status == 3:
         assert "answers depend on" in report["verdict"]["reason"]
         assert report["verdict"]["needed"] is None
+
+
+def test_a_policy_that_drives_as_declared_in_its_first_processes_does_not_pass(audited):
+    """300 episodes had one process, and the questions another one: a third one was never started."""
+    status, report = audited("life() <= 2", "--isolation", "none")
+    assert status == 3 and "the process" in report["verdict"]["reason"]
 
 
 def test_a_policy_that_draws_is_asked_again(audited):

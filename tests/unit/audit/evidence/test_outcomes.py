@@ -1,5 +1,8 @@
 """Answers of a policy, asked again."""
 
+import contextlib
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -60,8 +63,13 @@ def honest(batch):
     return batch[:, 0] > 0
 
 
-def recorded(policy, batches=6, rows=200):
-    recorder, rng = Recorder(policy), np.random.default_rng(0)
+def started(policy):
+    """Return what starts the process of a policy."""
+    return lambda: contextlib.nullcontext(SimpleNamespace(policy=policy))
+
+
+def recorded(policy, fresh=None, batches=6, rows=200):
+    recorder, rng = Recorder(policy, started(fresh)), np.random.default_rng(0)
     for _ in range(batches):
         recorder.predict(rng.normal(size=(rows, 3)).astype(np.float32))
     return recorder
@@ -69,7 +77,7 @@ def recorded(policy, batches=6, rows=200):
 
 def test_an_honest_policy_is_consistent():
     fresh = By(honest)
-    found = recorded(By(honest)).check(fresh)
+    found = recorded(By(honest), fresh).check()
     assert found == ((1200, 0), (1200, 0), (SINGLE, 0)) and found.dependences(False) == []
     # The new process first meets single observations, then batches of other sizes.
     assert set(fresh.sizes[:SINGLE]) == {1}
@@ -77,17 +85,17 @@ def test_an_honest_policy_is_consistent():
 
 
 def test_the_answers_are_passed_on():
-    recorder = Recorder(By(lambda batch: batch[:, 0]))
+    recorder = Recorder(By(lambda batch: batch[:, 0]), started(None))
     chosen, state = recorder.predict(np.array([[2.0], [1.0]], np.float32), "state")
     assert chosen.tolist() == [2, 1] and state == "state"
     assert recorder.predict(np.array([2.0], np.float32))[0] == 2
 
 
 def test_observations_are_kept_as_they_were():
-    recorder, batch = Recorder(By(honest)), np.ones((10, 1), np.float32)
+    recorder, batch = Recorder(By(honest), started(By(honest))), np.ones((10, 1), np.float32)
     recorder.predict(batch)
     batch[:] = -1.0
-    assert recorder.check(By(honest)).repeated == (10, 0)
+    assert recorder.check().repeated == (10, 0)
 
 
 def counting(limit):
@@ -109,8 +117,20 @@ def counting(limit):
     ],
 )
 def test_what_the_answers_depend_on_is_told(ours, fresh, which):
-    found = recorded(By(ours)).check(By(fresh)).dependences(False)
+    found = recorded(By(ours), By(fresh)).check().dependences(False)
     assert [one[: len(text)] for one, text in zip(found, which, strict=True)] == which
+
+
+def test_each_block_has_a_new_process_and_the_first_meets_all_requests():
+    first, later = By(honest), [By(lambda batch, n=n: np.full(len(batch), n)) for n in (5, 6)]
+    waiting = iter(later)
+    recorder = Recorder(first, lambda: started(next(waiting))())
+    answers = []
+    for rows in (3, 4, 5):
+        with recorder.anew():
+            answers.append(recorder.predict(np.ones((rows, 1), np.float32))[0].tolist())
+    assert answers == [[1] * 3, [5] * 4, [6] * 5]
+    assert first.sizes == [3, 4, 5] and [one.sizes for one in later] == [[4], [5]]
 
 
 @pytest.mark.parametrize(("shift", "differs"), [(0.0, False), (1e-6, False), (1e-3, True)])
@@ -121,7 +141,7 @@ def test_continuous_answers_may_differ_by_rounding_alone(shift, differs):
         asked.append(1)
         return np.tanh(batch[:, :2]) + np.float32(shift * (len(asked) > 6))
 
-    found = recorded(By(drifting)).check(By(lambda batch: np.tanh(batch[:, :2])))
+    found = recorded(By(drifting), By(lambda batch: np.tanh(batch[:, :2]))).check()
     assert found.repeated == (1200, 1200 * differs)
     assert found.shuffled == (1200, 0) and found.single == (SINGLE, 0)
 
@@ -130,7 +150,7 @@ def test_a_continuous_answer_by_the_row_is_told():
     def by_row(batch):
         return np.tanh(batch[:, :2] + np.arange(len(batch))[:, None]).astype(np.float32)
 
-    assert "order" in recorded(By(by_row)).check(By(by_row)).dependences(False)[0]
+    assert "order" in recorded(By(by_row), By(by_row)).check().dependences(False)[0]
 
 
 def test_a_rare_rounding_is_no_dependence():
@@ -143,11 +163,11 @@ def test_a_rare_rounding_is_no_dependence():
 
 def test_what_is_kept_is_spread_over_all_requests():
     policy = By(honest)
-    recorder = recorded(policy, batches=1000, rows=100)
-    kept = recorder.check(By(honest)).repeated.queries
+    recorder = recorded(policy, By(honest), batches=1000, rows=100)
+    kept = recorder.check().repeated.queries
     assert MOST_ROWS / 2 <= kept <= MOST_ROWS
-    large = recorded(By(honest), batches=20, rows=MOST_ROWS)
-    assert large.check(By(honest)).repeated.queries <= FEWEST_BATCHES * MOST_ROWS
+    large = recorded(By(honest), By(honest), batches=20, rows=MOST_ROWS)
+    assert large.check().repeated.queries <= FEWEST_BATCHES * MOST_ROWS
 
 
 def test_parts_are_summed_if_all_were_checked():

@@ -192,12 +192,14 @@ class Loaded:
         record: Its facts.
         close: Ends the policy's process, if it has one; may be called twice.
         check_unchanged: Raises `UserError` if the policy's files are no longer those of its hash.
+        again: Starts the policy's process once more, from the same files; None without a process.
     """
 
     policy: Policy
     record: Record
     close: Callable[[], None] = lambda: None
     check_unchanged: Callable[[], None] = lambda: None
+    again: Callable[[], Loaded] | None = None
 
     def __enter__(self) -> Loaded:
         return self

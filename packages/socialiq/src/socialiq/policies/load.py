@@ -8,6 +8,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
@@ -215,20 +216,22 @@ def _load_code(
                 f"{source} changed while it was audited: audit files that stay as they are"
             )
 
-    with contextlib.ExitStack() as closing:
-        # What runs is a copy of exactly the hashed bytes, where it can be put in their place.
-        folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="policy-")))
-        covered = hashed(folder if isolation.works or is_python else None)
+    def start() -> Loaded:
         started = command
         if isolation.works:
             started = code.sandboxed(command, covered, library=is_python and allow_code)
         elif is_python:
             started = command_of_python(words, source, covered.paths)
         policy, details, child = start_process(started, source, world, limits)
-        closing.callback(child.close)
-        close = closing.pop_all().close
-    facts = (kind, source, covered.sha256, covered.covers, world, False, details, isolation)
-    return Loaded(policy, Record(*facts), close, check_unchanged)
+        facts = (kind, source, covered.sha256, covered.covers, world, False, details, isolation)
+        return Loaded(policy, Record(*facts), child.close, check_unchanged, start)
+
+    with contextlib.ExitStack() as closing:
+        # What runs is a copy of exactly the hashed bytes, where it can be put in their place.
+        folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="policy-")))
+        covered = hashed(folder if isolation.works or is_python else None)
+        loaded = closing.enter_context(start())
+        return replace(loaded, close=closing.pop_all().close)
 
 
 def hash_of_python(

@@ -49,7 +49,7 @@ def levels(margin: float, limit: float, between: bool = False) -> Levels:
 
 
 def significantly_below(
-    values: Series, means: Levels, limit: float, error: float
+    values: Series, means: Levels, limit: float, error: float | Levels
 ) -> Bool[np.ndarray, "series level"]:
     """Test for each series and level whether the mean is below the level.
 
@@ -60,22 +60,23 @@ def significantly_below(
             `limit`. They may be arbitrarily low.
         means: Levels, each below the limit.
         limit: Largest value possible, positive.
-        error: Largest chance of a wrong "below", at each level.
+        error: Largest chance of a wrong "below", at each level, or of each level.
     """
     episodes = values.shape[1]
+    count, columns = np.arange(1.0, episodes + 1.0), values.T
+    # Mean and deviation of the values before each one.
+    mean = np.cumsum(columns, axis=0) / count[:, None]
+    before = np.concatenate([np.zeros((1, len(values))), mean[:-1]])
+    squares = np.cumsum((columns - before) * (columns - mean), axis=0)
+    spread = (_FIRST_DEVIATION * limit) ** 2 + np.concatenate([before[:1], squares[:-1]])
+    scale = np.sqrt(2.0 / (episodes - count + 1.0) * count / spread.T).T[:, :, None]
     # The logarithm of error times wealth: the target is 0.
-    wealth = np.full((len(values), len(means)), math.log(error))
+    wealth = np.log(np.broadcast_to(error, (len(values), len(means))))
     most = LARGEST_STAKE / (limit - means)
-    mean = np.zeros(len(values))
-    spread = np.full(len(values), (_FIRST_DEVIATION * limit) ** 2)
-    for done, column in enumerate(values.T):
-        deviation = np.sqrt(spread / (done + 1))[:, None]
+    for column, factor in zip(columns[:, :, None], scale, strict=True):
         # Once the target is reached, nothing is staked and the wealth stays.
-        stake = np.sqrt(np.maximum(-wealth, 0.0) * (2.0 / (episodes - done))) / deviation
-        wealth += np.log1p(np.minimum(stake, most) * (means - column[:, None]))
-        off = column - mean
-        mean = mean + off / (done + 1)
-        spread = spread + off * (column - mean)
+        stake = np.minimum(np.sqrt(np.maximum(-wealth, 0.0)) * factor, most)
+        wealth += np.log1p(stake * (means - column))
     return wealth >= 0.0
 
 

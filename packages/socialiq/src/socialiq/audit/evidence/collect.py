@@ -18,6 +18,7 @@ from socialiq.audit.evidence.outcomes import (
     Outcomes,
     Recorder,
     Reference,
+    end_to_end,
     joined,
 )
 from socialiq.audit.profile.environment import Environment
@@ -36,6 +37,9 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.situation import ContextPolicy
 from socialiq.worlds.world import World
+
+BLOCK = 250
+"""Episodes that a process of a policy drives before it is ended and another one is started."""
 
 REPEATED = 3  # episodes of an environment that are started twice, to check its seeding
 Seeds = Int64[np.ndarray, " episode"]
@@ -95,8 +99,8 @@ class Collection:
 
         Policies that are data run by this package's code.
         """
-        request, policy = self.request, self.loaded.policy
-        policy = Recorder(policy) if requested.is_code(request.policy) else policy
+        request, policy, again = self.request, self.loaded.policy, self.loaded.again
+        policy = policy if again is None else Recorder(policy, again)
         evidence = collect_evidence(
             self.world,
             policy,
@@ -108,11 +112,7 @@ class Collection:
             by_rule=self.by_rule,
         )
         if isinstance(policy, Recorder):
-            angle = self.profile.angle
-            with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
-                if fresh.record.sha256 != self.loaded.record.sha256:
-                    raise UserError(f"{request.policy} changed while it was audited")
-                evidence = replace(evidence, consistency=policy.check(fresh.policy))
+            evidence = replace(evidence, consistency=policy.check())
         self.loaded.check_unchanged()
         return evidence
 
@@ -128,13 +128,8 @@ class Collection:
         play = functools.partial(_collect_part, self.request, self.traffic, hashes, size)
         blocks = parts.blocks_of(seeds, processes)
         played = parts.in_parts(play, blocks, processes, on_report)
-        first, drivers = played[0], []
-        for column in zip(*(evidence.drivers for evidence in played), strict=True):
-            joint = {
-                name: np.concatenate([getattr(outcomes, name) for outcomes in column])
-                for name in ("totals", "ending", "contact", "length")
-            }
-            drivers.append(replace(column[0], **joint))
+        columns = zip(*(evidence.drivers for evidence in played), strict=True)
+        first, drivers = played[0], list(map(end_to_end, columns))
         if self.world.is_exact:
             # Angles and expectations of the exact optima are computed here: their last bits depend
             # on the number of threads of a process.
@@ -206,10 +201,14 @@ def collect_evidence(
         for seed in seeds[:REPEATED]:
             world.check_repeats(int(seed))
     course = drive.Course(world, seeds, side_by_side, threads, by_rule)
+    driver, driven = Reference("policy", policy), list[Outcomes]()
+    for block in course.blocks(BLOCK) if isinstance(policy, Recorder) else [course]:
+        with policy.anew() if isinstance(policy, Recorder) else contextlib.nullcontext():
+            driven.append(block.drive(driver, deterministic, drive.CANDIDATES))
     return Evidence(
         scenario=world.description,
         seeds=seeds,
-        policy=course.drive(Reference("policy", policy), deterministic, drive.CANDIDATES),
+        policy=end_to_end(driven),
         references=drive_references(course, references),
         strata=strata_of(course),
         trivial=drive.trivial_drivers(course),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import functools
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,13 +54,22 @@ class Course:
         threads: int = 1,
         by_rule: ByRule | None = None,
     ) -> None:
-        self.world, self.seeds, self.by_rule = world, seeds, by_rule
+        self.world, self.seeds, self.by_rule, self._threads = world, seeds, by_rule, threads
         size = side_by_side or min(SIDE_BY_SIDE, len(seeds))
         # The episodes that run side by side, and their losses at a declared rule in a gridworld.
         self.batch: Any = world.batch(len(seeds) if world.is_exact else size, threads)
         self.losses = None
         if by_rule is not None and world.is_exact:
             self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
+
+    def blocks(self, size: int) -> Iterator[Course]:
+        """Yield the course of each block of so many episodes."""
+        for first in range(0, len(self.seeds), size):
+            block = copy.copy(self)
+            block.seeds = self.seeds[first : first + size]
+            block.batch = self.world.batch(min(size, self.batch.size), self._threads)
+            block.batch.reset(np.arange(block.batch.size))  # a policy meets rows without an episode
+            yield block
 
     def drive(
         self, driver: Reference, deterministic: bool = True, candidates: tuple[float, ...] = ()

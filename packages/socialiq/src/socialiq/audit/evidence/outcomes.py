@@ -7,8 +7,9 @@ and of a new one, which knows nothing of them, one by one and in mixed batches.
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -17,7 +18,9 @@ from jaxtyping import Bool, Float, Int8, Int64, Shaped
 from scipy.stats import binom
 
 from socialiq.errors import UserError
+from socialiq.evaluation import parts
 from socialiq.evaluation.context import ContextLosses
+from socialiq.policies.interface import Loaded
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.options import Contact
@@ -166,6 +169,18 @@ def joined(checks: Sequence[Consistency | None]) -> Consistency | None:
     return Consistency(*(Answers(*map(sum, zip(*column, strict=True))) for column in columns))
 
 
+def end_to_end(blocks: Sequence[Outcomes]) -> Outcomes:
+    """Return one driver's outcomes in blocks of episodes as those of all."""
+    names = ["totals", "ending", "contact", "length"]
+    names += [] if blocks[0].lost is None else ["lost"]
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(block, name) for block in blocks]) for name in names
+    }
+    if blocks[0].contexts is not None:
+        columns["contexts"] = parts.joined([block.contexts for block in blocks])
+    return replace(blocks[0], **columns)
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """A policy and its references on the same episodes.
@@ -268,10 +283,12 @@ class Recorder:
     """A policy without a memory that keeps some of its batches and answers.
 
     They are spread evenly over all requests. Actions that it draws are asked for twice at once.
+    `again` starts its process once more.
     """
 
-    def __init__(self, policy: Policy) -> None:
-        self._policy, self._soft = policy, False
+    def __init__(self, policy: Policy, again: Callable[[], Loaded]) -> None:
+        self._policy, self._again, self._soft = policy, again, False
+        self._present = policy  # answers
         self._batches: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._asked, self._every = 0, 1
 
@@ -283,13 +300,15 @@ class Recorder:
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """Choose the policy's actions, as `types.Policy`."""
-        chosen, after = self._policy.predict(observation, state, episode_start, deterministic)
+        chosen, after = self._present.predict(observation, state, episode_start, deterministic)
+        if self._present is not self._policy:  # one process meets all requests of an audit
+            self._policy.predict(observation, deterministic=deterministic)
         if self._asked % self._every == 0:
             # Copies: a simulator may use its arrays again. One observation, or a batch of two axes.
             batch = np.array(observation, np.float32, ndmin=2)
             actions = np.array(chosen if np.ndim(observation) == 2 else np.asarray(chosen)[None])
             self._soft = not deterministic
-            again = self._policy.predict(batch, deterministic=False)[0] if self._soft else actions
+            again = self._present.predict(batch, deterministic=False)[0] if self._soft else actions
             self._batches.append((batch, actions, np.asarray(again)))
             while (
                 sum(len(rows) for rows, *_ in self._batches) > MOST_ROWS
@@ -299,8 +318,19 @@ class Recorder:
         self._asked += 1
         return chosen, after
 
-    def check(self, fresh: Policy) -> Consistency:
-        """Ask it again, and the same policy in a new process, which was not asked before."""
+    @contextlib.contextmanager
+    def anew(self) -> Iterator[None]:
+        """Answer by a process that was not asked before; the first one lives on."""
+        if not self._asked:
+            yield
+            return
+        with self._again() as fresh:
+            self._present = fresh.policy
+            yield
+        self._present = self._policy
+
+    def check(self) -> Consistency:
+        """Ask the first process again, and a new one, which was not asked before."""
         batch, actions, again = (
             np.concatenate(column) for column in zip(*self._batches, strict=True)
         )
@@ -333,8 +363,9 @@ class Recorder:
         repeated = answers_of(
             self._policy, np.arange(len(batch)), [len(rows) for rows, *_ in self._batches]
         )
-        alone = answers_of(fresh, single[:SINGLE], [1] * min(SINGLE, len(batch)))
-        return Consistency(repeated, answers_of(fresh, shuffled, sizes), alone)
+        with self._again() as fresh:
+            alone = answers_of(fresh.policy, single[:SINGLE], [1] * min(SINGLE, len(batch)))
+            return Consistency(repeated, answers_of(fresh.policy, shuffled, sizes), alone)
 
 
 def _distance(

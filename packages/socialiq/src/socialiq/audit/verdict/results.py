@@ -17,8 +17,9 @@ from scipy.special import kolmogorov
 from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
+from socialiq.audit.verdict.floor import floor_tests
 from socialiq.audit.verdict.regret import Decision, Regrets
-from socialiq.audit.verdict.verdict import clipped, decide, enough_resamples
+from socialiq.audit.verdict.verdict import clipped, decide, direction_tests, enough_resamples
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
@@ -245,9 +246,14 @@ def discriminate(
             swapped = replace(evidence, policy=driver, references=references, trivial=())
             as_policy = replace(driver, name=evidence.policy.name)  # it stays a reference too
             line = replace(directed or evidence, policy=as_policy, trivial=())
-            rewards, limit = clipped(profile, swapped), profile.largest_loss
-            regrets = Regrets(rewards, seed, count, limit, decisive=True)
-            decision = decide(profile, swapped, seed, count, level, regrets, line).decision
+            beside = direction_tests(profile, line, level)
+            tests = (*beside, *floor_tests(driver, profile.competence, level, level / 2))
+            decision = Decision.FAIL
+            # The bounds of regret take longest; where another test fails they change nothing.
+            if all(test is None or test.decision is not Decision.FAIL for test in tests):
+                rewards, limit = clipped(profile, swapped), profile.largest_loss
+                regrets = Regrets(rewards, seed, count, limit, decisive=True)
+                decision = decide(profile, swapped, seed, count, level, regrets, line).decision
             decided.append(OtherDriver(driver.name, trivial, decision))
     passing = [driver for driver in decided if driver.decision is Decision.PASS]
     return Discrimination(

@@ -94,19 +94,26 @@ def decide(
     measures how much). In the evidence the driver is the policy; its regrets may be known already.
     `directed` has the reference drivers of all angles; by default the evidence has them.
     """
-    margin, angle, direction, character = profile.margin, profile.angle, None, None
-    evidence, share = clipped(profile, evidence), error / 2
+    margin, angle, evidence = profile.margin, profile.angle, clipped(profile, evidence)
+    beside = direction_tests(profile, directed or evidence, error, ends_only)
     if profile.rule is not None:
         evidence, regrets, angle = evidence.by_rule(), None, 0.0
-    else:
-        share = error / 2 if margin.width is None else error / 4
-        driven = evidence if directed is None else clipped(profile, directed)
-        direction = direction_test(profile, driven, error, error / 8, ends_only)
-        character = character_test(profile, driven, error, error / 8)
     regrets = regrets or Regrets(evidence, seed, resamples, profile.largest_loss)
+    share = error / 2 if margin.width is None or profile.rule is not None else error / 4
     regret = bounds.regret_test(regrets, angle, margin.regret, error, share)
     regret = replace(regret, angle=profile.angle)
-    return join_tests(regret, evidence.policy, profile.competence, error, direction, character)
+    return join_tests(regret, evidence.policy, profile.competence, error, *beside)
+
+
+def direction_tests(
+    profile: Profile, evidence: Evidence, error: float, ends_only: bool = True
+) -> tuple[DirectionTest | None, CharacterTest | None]:
+    """Test direction and character, each at its share of the error (`decide`); none by a rule."""
+    if profile.rule is not None:
+        return None, None
+    driven, errors = clipped(profile, evidence), (error, error / 8)
+    direction = direction_test(profile, driven, *errors, ends_only)
+    return direction, character_test(profile, driven, *errors)
 
 
 def join_tests(
