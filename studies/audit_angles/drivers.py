@@ -80,16 +80,19 @@ def specifications() -> Iterator[tuple[str, str, str, float | None]]:
         yield rule, rule, "rule", None
 
 
-def drive(seeds: Int64[np.ndarray, " episode"], on_stage: StageCallback) -> dict[str, Driven]:
-    """Run every driver on the pool."""
-    course, pool = Course(make(WORLD), seeds), dict[str, Driven]()
-    specified = list(specifications())
+def drive(
+    course: Course, on_stage: StageCallback, references_only: bool = False
+) -> dict[str, Driven]:
+    """Run every driver on a course, or those alone that a default audit compares with."""
+    pool, specified = dict[str, Driven](), list(specifications())
     for name, spec, kind, angle in tracked(specified, on_stage, "driving", "drivers"):
+        compared = kind in ("dial", "expert", "rule") and not name.startswith("iterated")
+        if references_only and not compared:
+            continue
         policy = resolve_policy(spec, course.world, angle or 0.0, Trust()).policy
         reference = Reference(name, policy, angle if kind == "dial" else None)
-        compared = kind in ("dial", "expert", "rule") and not name.startswith("iterated")
         pool[name] = Driven(course.drive(reference), kind, angle, compared)
-        rash_angles = (0.0, 45.0, 90.0) if kind == "dial" else ()
+        rash_angles = (0.0, 45.0, 90.0) if kind == "dial" and not references_only else ()
         for share in RASHNESS if angle in rash_angles else ():
             rash = f"{name}, rash in {100 * share:g} %"
             pool[rash] = Driven(course.drive(Reference(rash, Rash(policy, share))), "rash", angle)

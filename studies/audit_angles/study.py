@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.audit.evidence.drive import Course
 from socialiq.learners.settings import check_counts
 from socialiq.types import Row
-from socialiq.worlds.registry import GRIDWORLDS
+from socialiq.worlds.registry import GRIDWORLDS, make
 from socialiq_lab.study import Context, Findings, StageCallback, tracked
 from studies.audit_angles.audits import TESTS, Audits
 from studies.audit_angles.drivers import (
@@ -23,6 +24,7 @@ from studies.audit_angles.drivers import (
     drive_optima,
     mixtures,
 )
+from studies.audit_angles.fitted import fitted_rows
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
@@ -31,11 +33,14 @@ def compute_tables(config: Any, context: Context) -> Findings:
     The summary has the smallest share of passes at the drivers' angle, and the largest of wrong
     passes: of a driver whose values in the whole pool are not within the declaration.
     """
-    check_counts(config, ("pool", "audits"))
-    seeds = np.random.default_rng(config.pool_seed).integers(2**62, size=config.pool)
+    check_counts(config, ("pool", "audits", "fitting"))
+    drawn = (config.pool_seed, config.pool), (config.fitting_seed, config.fitting)
+    seeds, seen = (np.random.default_rng(seed).integers(2**62, size=size) for seed, size in drawn)
     on_stage = context.on_stage
     pools = {world: drive_optima(world, seeds) for world in GRIDWORLDS}
-    pools[WORLD] = drive(seeds, on_stage)
+    course, seen_course = (Course(make(WORLD), episodes) for episodes in (seeds, seen))
+    pools[WORLD] = drive(course, on_stage)
+    fitted = fitted_rows(course, pools[WORLD], seen_course, config, on_stage)
     power = [row for world in pools for row in power_rows(world, pools[world], config, on_stage)]
     worst = worst_rows(pools[WORLD], config.pool_seed)
     summary: dict[str, Any] = {"worst": {}}
@@ -48,7 +53,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
             share["wrong"] = max(share["wrong"], row["passed"])
     for row in worst:
         summary["worst"].setdefault(f"{row['declared']:g}", {})[row["measure"]] = row["value"]
-    return Findings({"power": power, "worst": worst}, summary)
+    return Findings({"power": power, "worst": worst, "fitted": fitted}, summary)
 
 
 def power_rows(
