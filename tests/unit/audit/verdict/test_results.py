@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.outcomes import Answers, Consistency
+from socialiq.audit.evidence.consistency import Answers, Consistency
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict.regret import Decision

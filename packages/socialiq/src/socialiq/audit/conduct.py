@@ -13,7 +13,8 @@ from typing import Any
 
 from socialiq.audit.evidence import replay
 from socialiq.audit.evidence.collect import Collection
-from socialiq.audit.evidence.outcomes import Evidence, joined
+from socialiq.audit.evidence.consistency import joined
+from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.log import Subject
 from socialiq.audit.look import Look, Opened, Plan, commit, open_look, record
 from socialiq.audit.profile.profile import Traffic, other_traffic

@@ -12,14 +12,13 @@ from jaxtyping import Float32, Int64
 
 from socialiq.audit import request as requested
 from socialiq.audit.evidence import drive
+from socialiq.audit.evidence.consistency import Recorder, joined
 from socialiq.audit.evidence.outcomes import (
     AS_DECLARED,
     Evidence,
     Outcomes,
-    Recorder,
     Reference,
     end_to_end,
-    joined,
 )
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.profile import Profile, other_traffic

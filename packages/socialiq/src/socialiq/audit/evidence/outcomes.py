@@ -1,26 +1,18 @@
-"""Evidence of an audit: each driver's episodes, and the consistency of the policy's answers.
-
-A policy's action depends on the observation alone, or the episodes say nothing about how it drives
-elsewhere. So what it met in the episodes is asked again: of the same process in the same batches,
-and of a new one, which knows nothing of them, one by one and in mixed batches.
-"""
+"""Evidence of an audit: each driver's episodes."""
 
 from __future__ import annotations
 
-import contextlib
-import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8, Int64, Shaped
-from scipy.stats import binom
+from jaxtyping import Bool, Float, Int8, Int64
 
+from socialiq.audit.evidence.consistency import Consistency
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.context import ContextLosses
-from socialiq.policies.interface import Loaded
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.options import Contact
@@ -94,79 +86,6 @@ class Outcomes:
     def values(self, angle: float) -> Float[np.ndarray, " episode"]:
         """Return R(α) of each episode at an angle in degrees."""
         return np.asarray(score(exact_weights(angle), RewardPair(*self.totals.T)))
-
-
-ALLOWED = 0.001
-"""Largest share of differing answers in other batches. The last bits of a network's output depend
-on the size of the batch, which changes about one action in a million; a policy of exact ties may
-exceed the share, and has to break them by rule."""
-
-CHANCE = 1e-6  # chance that an honest policy that draws is found to depend on something else
-
-NEAR = 1e-4
-"""Largest difference of two equal continuous actions, in halves of the range of each number. Sums
-of float32 in another order change an action by about a millionth."""
-
-MOST_ROWS = 16_384  # observations that are kept, if they are in enough batches
-FEWEST_BATCHES = 4
-SINGLE, LARGEST = 1_000, 256  # observations that are asked one by one; largest mixed batch
-_ORDER = 8104  # makes these draws independent of other draws
-
-
-class Answers(NamedTuple):
-    """Number of observations that were asked again, and of those with another action than before.
-
-    Of drawn actions: number of those whose draws tell something, and of those in which draws differ
-    more between two pairs than within them.
-    Continuous actions are others where a number differs by more than `NEAR`.
-    """
-
-    queries: int
-    differing: int
-
-
-class Consistency(NamedTuple):
-    """Answers to the observations of the episodes, asked again.
-
-    They are repeated after the last episode: any difference depends on time, on the number of
-    requests or on chance.
-    """
-
-    repeated: Answers  # by the same process in the same batches
-    shuffled: Answers  # by a new process, in mixed batches of other sizes
-    single: Answers  # by a new process, one by one
-
-    @staticmethod
-    def of(report: Mapping[str, Any] | None) -> Consistency | None:
-        """Return the consistency that a report's JSON has."""
-        if report is None:
-            return None
-        return Consistency(*(Answers(**report[name]) for name in Consistency._fields))
-
-    def dependences(self, soft: bool) -> list[str]:
-        """Return influences besides the observation, none for an honest policy.
-
-        Of drawn answers half differ by chance: more do with an error of at most `CHANCE`.
-        """
-
-        def differ(answers: Answers, allowed: float) -> bool:
-            if soft:
-                return bool(binom.sf(answers.differing - 1, answers.queries, 0.5) < CHANCE)
-            return answers.differing > math.floor(allowed * answers.queries)
-
-        dependences = ["the time or the number of requests"] if differ(self.repeated, 0.0) else []
-        if any(differ(answers, ALLOWED) for answers in (self.shuffled, self.single)):
-            dependences.append("the batch, the order or the process")
-        return dependences
-
-
-def joined(checks: Sequence[Consistency | None]) -> Consistency | None:
-    """Return the sums over parts of a collection; None if any of them was not checked."""
-    complete = [check for check in checks if check is not None]
-    if not complete or len(complete) < len(checks):
-        return None
-    columns = zip(*complete, strict=True)
-    return Consistency(*(Answers(*map(sum, zip(*column, strict=True))) for column in columns))
 
 
 def end_to_end(blocks: Sequence[Outcomes]) -> Outcomes:
@@ -277,101 +196,3 @@ def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
     """Return the episodes with the event of each of `CRITERIA`."""
     arrived, late = (driver.ending == kind for kind in (Ending.ARRIVAL, Ending.TIMEOUT))
     return dict(zip(CRITERIA, (driver.at_fault, driver.struck, arrived, late), strict=True))
-
-
-class Recorder:
-    """A policy without a memory that keeps some of its batches and answers.
-
-    They are spread evenly over all requests. Actions that it draws are asked for twice at once.
-    `again` starts its process once more.
-    """
-
-    def __init__(self, policy: Policy, again: Callable[[], Loaded]) -> None:
-        self._policy, self._again, self._soft = policy, again, False
-        self._present = policy  # answers
-        self._batches: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self._asked, self._every = 0, 1
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Choose the policy's actions, as `types.Policy`."""
-        chosen, after = self._present.predict(observation, state, episode_start, deterministic)
-        if self._present is not self._policy:  # one process meets all requests of an audit
-            self._policy.predict(observation, deterministic=deterministic)
-        if self._asked % self._every == 0:
-            # Copies: a simulator may use its arrays again. One observation, or a batch of two axes.
-            batch = np.array(observation, np.float32, ndmin=2)
-            actions = np.array(chosen if np.ndim(observation) == 2 else np.asarray(chosen)[None])
-            self._soft = not deterministic
-            again = self._present.predict(batch, deterministic=False)[0] if self._soft else actions
-            self._batches.append((batch, actions, np.asarray(again)))
-            while (
-                sum(len(rows) for rows, *_ in self._batches) > MOST_ROWS
-                and len(self._batches) > FEWEST_BATCHES
-            ):
-                self._batches, self._every = self._batches[::2], 2 * self._every
-        self._asked += 1
-        return chosen, after
-
-    @contextlib.contextmanager
-    def anew(self) -> Iterator[None]:
-        """Answer by a process that was not asked before; the first one lives on."""
-        if not self._asked:
-            yield
-            return
-        with self._again() as fresh:
-            self._present = fresh.policy
-            yield
-        self._present = self._policy
-
-    def check(self) -> Consistency:
-        """Ask the first process again, and a new one, which was not asked before."""
-        batch, actions, again = (
-            np.concatenate(column) for column in zip(*self._batches, strict=True)
-        )
-
-        def answers_of(policy: Policy, rows: np.ndarray, sizes: Sequence[int]) -> Answers:
-            answers = [
-                np.concatenate(
-                    [
-                        np.asarray(policy.predict(batch[part], deterministic=not self._soft)[0])
-                        for part in np.split(rows, np.cumsum(sizes)[:-1])
-                    ]
-                )
-                for _ in range(1 + self._soft)
-            ]
-            if not self._soft:
-                far = np.abs(answers[0] - actions[rows]).reshape(len(rows), -1).max(axis=1)
-                return Answers(len(rows), int((far > (NEAR if far.dtype.kind == "f" else 0)).sum()))
-            # The energy distance of two pairs of draws: on average 0 if they are of one
-            # distribution, when it is as often positive as negative, else positive.
-            pairs = (actions[rows], again[rows], *answers)
-            apart = _distance(pairs[0], pairs[2]) + _distance(pairs[1], pairs[3])
-            apart -= _distance(*pairs[:2]) + _distance(*pairs[2:])
-            return Answers(int((apart != 0).sum()), int((apart > 0).sum()))
-
-        rng = np.random.default_rng(_ORDER)
-        single, shuffled = (rng.permutation(len(batch)) for _ in range(2))
-        sizes: list[int] = []
-        while sum(sizes) < len(batch):
-            sizes.append(min(int(rng.integers(2, LARGEST + 1)), len(batch) - sum(sizes)))
-        repeated = answers_of(
-            self._policy, np.arange(len(batch)), [len(rows) for rows, *_ in self._batches]
-        )
-        with self._again() as fresh:
-            alone = answers_of(fresh.policy, single[:SINGLE], [1] * min(SINGLE, len(batch)))
-            return Consistency(repeated, answers_of(fresh.policy, shuffled, sizes), alone)
-
-
-def _distance(
-    actions: Shaped[np.ndarray, "row ..."], drawn_again: Shaped[np.ndarray, "row ..."]
-) -> Float[np.ndarray, " row"]:
-    """Return how far drawn actions are from others: 0 or 1 for numbers of actions."""
-    if actions.dtype.kind == "f":
-        return np.linalg.norm(actions - drawn_again, axis=-1)
-    return (actions != drawn_again).astype(np.float64)

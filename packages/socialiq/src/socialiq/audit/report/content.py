@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
-from socialiq.audit.evidence.outcomes import Consistency, Evidence, Outcomes, events_of
+from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.replay import path_of
 from socialiq.audit.look import Look
 from socialiq.audit.profile.profile import Profile, Traffic, is_recorded

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
-from socialiq.audit.evidence.outcomes import Consistency, Evidence
+from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.evidence.replay import selected
 from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
 from socialiq.audit.look import Look, Opened, reveal, spend

@@ -17,7 +17,8 @@ import numpy as np
 from socialiq.audit import request
 from socialiq.audit.evidence import drive
 from socialiq.audit.evidence.collect import drive_references, strata_of
-from socialiq.audit.evidence.outcomes import ALLOWED, AS_DECLARED, Evidence, Outcomes, Reference
+from socialiq.audit.evidence.consistency import ALLOWED
+from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Outcomes, Reference
 from socialiq.audit.report.content import Audited
 from socialiq.errors import UserError
 from socialiq.foreign import one_line

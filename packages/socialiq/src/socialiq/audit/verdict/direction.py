@@ -151,12 +151,7 @@ def direction_test(
     compared = [row for row in drivers if is_bounded and (not ends_only or row in tested)]
     values, limits = _differences(profile, evidence.policy, compared)
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
-    errors, signed = np.array([pass_error, fail_error / 2]), np.concatenate([values, -values])
-    below = betting.significantly_below(signed, np.zeros(2), 1.0, errors).T.reshape(2, 2, -1)
-    ways, beyond = (  # sides on which the policy lies significantly, at either error
-        [_WAYS[0] if low else _WAYS[1] if high else "not known" for low, high in sides.T]
-        for sides in below
-    )
+    ways, beyond = _ways(values, np.array([pass_error, fail_error / 2]))
     rows = [(compared.index(row), way) for row, way in zip(tested, _WAYS, strict=True) if row]
     decision = None if width is None else Decision.INCONCLUSIVE
     if decision and not missing and all(ways[row] == way for row, way in rows):
@@ -204,6 +199,18 @@ def _differences(
         values[row] = driver.outcomes.values(driver.across) - policy.values(driver.across)
     # Of an absolute value of at most 1, but for rounding.
     return (values / limits[:, None]).clip(-1.0, 1.0), limits
+
+
+def _ways(
+    values: Float[np.ndarray, "driver episode"], errors: Float[np.ndarray, " error"]
+) -> list[list[Way]]:
+    """Return at each error on which side of each driver the policy lies significantly."""
+    signed, levels = np.concatenate([values, -values]), np.zeros(len(errors))
+    below = betting.significantly_below(signed, levels, 1.0, errors).T
+    return [
+        [_WAYS[0] if low else _WAYS[1] if high else "not known" for low, high in sides.T]
+        for sides in below.reshape(len(errors), 2, -1)
+    ]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
-from socialiq.audit.evidence.outcomes import CRITERIA, Consistency, Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
 from socialiq.audit.verdict import regret as bounds
 from socialiq.audit.verdict.direction import (
