@@ -102,7 +102,7 @@ def test_another_does_not_pass(audited, rule, found_by):
 
 
 def test_a_policy_that_drives_as_declared_in_its_first_processes_does_not_pass(audited):
-    """300 episodes had one process, and the questions another one: a third one was never started."""
+    """300 episodes had one process, the questions another one; a third one was never started."""
     status, report = audited("life() <= 2", "--isolation", "none")
     assert status == 3 and "the process" in report["verdict"]["reason"]
 
