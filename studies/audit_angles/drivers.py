@@ -1,7 +1,7 @@
 """Drivers on one pool of episodes: dials, weaker ones, experts, rules, rash ones and mixtures."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,28 +41,35 @@ class Driven(NamedTuple):
     reference: bool = False  # whether a default audit compares with it
 
 
-class Rash:
-    """A driver that goes in a share of its decisions close to another vehicle."""
+class Deciding(NamedTuple):
+    """A policy by a function of a batch of observations, the time with them or not."""
 
-    def __init__(self, policy: Policy, share: float) -> None:
-        self._policy, self._share = policy, share
-        self.n_features = getattr(policy, "n_features", None)  # one more than the world's: the time
-        self._features, self._rng = make(WORLD).n_features, np.random.default_rng(7)
+    n_features: int
+    decide: Callable[[np.ndarray], np.ndarray]
 
     def predict(
         self,
         observation: np.ndarray,
         state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[np.ndarray, Any]:
-        """Choose as the driver does, or to go."""
-        chosen, state = self._policy.predict(observation, state, episode_start, deterministic)
-        rows = policies.in_metres(observation[:, : self._features])
+        """Choose one action for each row."""
+        return self.decide(observation), state
+
+
+def rash(policy: Policy, share: float) -> Deciding:
+    """Return a driver that goes in a share of its decisions close to another vehicle."""
+    features, rng = make(WORLD).n_features, np.random.default_rng(7)
+
+    def decide(observation: np.ndarray) -> np.ndarray:
+        rows = policies.in_metres(observation[:, :features])
         away = np.hypot(*(rows[:, 1:, column] - rows[:, :1, column] for column in (1, 2)))
         near = (np.where(rows[:, 1:, 0] > 0, away, np.inf) < NEAR).any(axis=1)
-        goes = near & (self._rng.random(len(chosen)) < self._share)
-        return np.where(goes, 2, chosen), state
+        goes = near & (rng.random(len(rows)) < share)
+        return np.where(goes, 2, policy.predict(observation)[0])
+
+    return Deciding(getattr(policy, "n_features", features), decide)
 
 
 def specifications() -> Iterator[tuple[str, str, str, float | None]]:
@@ -94,8 +101,9 @@ def drive(
         pool[name] = Driven(course.drive(reference), kind, angle, compared)
         rash_angles = (0.0, 45.0, 90.0) if kind == "dial" and not references_only else ()
         for share in RASHNESS if angle in rash_angles else ():
-            rash = f"{name}, rash in {100 * share:g} %"
-            pool[rash] = Driven(course.drive(Reference(rash, Rash(policy, share))), "rash", angle)
+            title = f"{name}, rash in {100 * share:g} %"
+            driver = course.drive(Reference(title, rash(policy, share)))
+            pool[title] = Driven(driver, "rash", angle)
     return pool
 
 

@@ -1,7 +1,7 @@
 """Policies that are fitted to a declaration: the most harm that its margins allow."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +16,7 @@ from socialiq.storage import packaged_results
 from socialiq.types import Policy, Row
 from socialiq_lab.study import StageCallback, tracked
 from studies.audit_angles.audits import Audits
-from studies.audit_angles.drivers import WORLD, Driven, drive
+from studies.audit_angles.drivers import WORLD, Deciding, Driven, drive
 
 DECLARED = (0.0, 45.0, 90.0)  # degrees
 MOST, STEPS = 8.0, 10
@@ -35,29 +35,18 @@ def harms(dial: DialPolicy) -> dict[str, Scores]:
     }
 
 
-class Harmful(NamedTuple):
-    """A driver that takes the most harmful action of those that lose little."""
+def harmful(own: QPolicy, harm: Scores, most: float) -> Deciding:
+    """Return a driver that takes the most harmful of the actions that lose at most so much.
 
-    own: QPolicy  # policy whose values say what an action loses
-    harm: Scores
-    most: float  # loss of a decision: value of the best action less that of its own
+    The loss is the value of the best action, by the driver's own policy, less that of the action.
+    """
 
-    @property
-    def n_features(self) -> int:
-        """Length of an observation with the time."""
-        return self.own.n_features
+    def decide(observation: np.ndarray) -> np.ndarray:
+        values = own.q_values(observation)
+        allowed = values >= values.max(axis=1, keepdims=True) - most
+        return np.where(allowed, harm(observation), -np.inf).argmax(axis=1)
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[np.ndarray, Any]:
-        """Choose one action for each row."""
-        values = self.own.q_values(observation)
-        allowed = values >= values.max(axis=1, keepdims=True) - self.most
-        return np.where(allowed, self.harm(observation), -np.inf).argmax(axis=1), state
+    return Deciding(own.n_features, decide)
 
 
 def fitted_rows(
@@ -82,9 +71,9 @@ def fitted_rows(
             least, most = 0.0, MOST
             for _ in range(STEPS):
                 middle = (least + most) / 2
-                tried = seen.drive(Reference("tried", Harmful(own, harm, middle)))
+                tried = seen.drive(Reference("tried", harmful(own, harm, middle)))
                 least, most = (middle, most) if fitting.holds(tried) else (least, middle)
-            policies[kind] = least, Harmful(own, harm, least)
+            policies[kind] = least, harmful(own, harm, least)
         audits = Audits.of(WORLD, declared, pool)
         for kind, (loss, policy) in policies.items():
             driver = course.drive(Reference(kind, policy))

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from tests.unit.audit.conftest import outcomes
 
+from socialiq import QPolicy
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.profile.profile import Clip
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import decide
 from socialiq.statistics.intervals import clopper_pearson
 from studies.audit_angles.audits import Audits, declaration, most_events, resampled
-from studies.audit_angles.drivers import Driven, Rash, drive_optima, mixtures
+from studies.audit_angles.drivers import Driven, drive_optima, mixtures, rash
+from studies.audit_angles.fitted import harmful
 from studies.audit_angles.study import worst_rows
 
 EPISODES, AUDITS = 300, 8
@@ -112,4 +114,12 @@ def test_a_rash_driver_goes_where_another_is_near():
     seen = np.zeros((2, 70), np.float32)
     seen[:, [0, 7]] = 1.0
     seen[0, 8], seen[1, 8] = 0.05, 0.5  # 5 m and 50 m away
-    assert Rash(Waits(), 1.0).predict(seen)[0].tolist() == [2, 0]
+    assert rash(Waits(), 1.0).predict(seen)[0].tolist() == [2, 0]
+
+
+@pytest.mark.parametrize(("most", "action"), [(0.0, 1), (0.5, 2), (3.0, 0)])
+def test_a_fitted_driver_takes_the_most_harmful_action_that_loses_little(most, action):
+    bias = np.array([1.0, 3.0, 2.5], np.float32)  # values of the actions
+    own = QPolicy((np.zeros((3, 4), np.float32),), (bias,), "relu", 1.0, {"made": "by hand"})
+    driver = harmful(own, lambda seen: np.tile([9.0, 0.0, 5.0], (len(seen), 1)), most)
+    assert driver.predict(np.zeros((2, 4), np.float32))[0].tolist() == [action] * 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -158,21 +158,17 @@ class Evidence:
             expected = RewardPair(0.0, 0.0) if exact else None
             return replace(driver, totals=totals, expected=expected)
 
-        return replace(
-            self,
-            policy=turned(self.policy),
-            references=tuple(map(turned, self.references)),
-            trivial=tuple(map(turned, self.trivial)),
-        )
+        return self._with_each(turned)
 
     def clipped(self, lows: tuple[float, float], highs: tuple[float, float]) -> Evidence:
         """Return the evidence with the totals of every driver between two pairs (env, social)."""
+        return self._with_each(lambda driver: driver.clipped(lows, highs))
 
-        def within(drivers: Sequence[Outcomes]) -> tuple[Outcomes, ...]:
-            return tuple(row.clipped(lows, highs) for row in drivers)
-
-        (policy,), trivial = within([self.policy]), within(self.trivial)
-        return replace(self, policy=policy, references=within(self.references), trivial=trivial)
+    def _with_each(self, changed: Callable[[Outcomes], Outcomes]) -> Evidence:
+        policy, *others = map(changed, self.drivers)
+        count = len(self.references)
+        references, trivial = tuple(others[:count]), tuple(others[count:])
+        return replace(self, policy=policy, references=references, trivial=trivial)
 
     def without(self, names: Collection[str]) -> Evidence:
         """Return the evidence without the references of these names."""
