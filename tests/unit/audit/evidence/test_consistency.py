@@ -99,7 +99,7 @@ def test_each_block_has_a_new_process_and_the_first_meets_all_requests():
     recorder = Recorder(first, lambda: started(next(waiting))())
     answers = []
     for rows in (3, 4, 5):
-        with recorder.anew():
+        with recorder.new_process():
             answers.append(recorder.predict(np.ones((rows, 1), np.float32))[0].tolist())
     assert answers == [[1] * 3, [5] * 4, [6] * 5]
     assert first.sizes == [3, 4, 5] and [one.sizes for one in later] == [[4], [5]]

@@ -202,7 +202,7 @@ def collect_evidence(
     course = drive.Course(world, seeds, side_by_side, threads, by_rule)
     driver, driven = Reference("policy", policy), list[Outcomes]()
     for block in course.blocks(BLOCK) if isinstance(policy, Recorder) else [course]:
-        with policy.anew() if isinstance(policy, Recorder) else contextlib.nullcontext():
+        with policy.new_process() if isinstance(policy, Recorder) else contextlib.nullcontext():
             driven.append(block.drive(driver, deterministic, drive.CANDIDATES))
     return Evidence(
         scenario=world.description,

@@ -132,7 +132,7 @@ class Recorder:
         return chosen, after
 
     @contextlib.contextmanager
-    def anew(self) -> Iterator[None]:
+    def new_process(self) -> Iterator[None]:
         """Answer by a process that was not asked before; the first one lives on."""
         if not self._asked:
             yield
