@@ -29,51 +29,51 @@ def harms(dial: DialPolicy) -> dict[str, Scores]:
     """Return how much each action harms, by the kind of harm."""
     altruist, egoist = dial.at(90.0), dial.at(0.0)
     return {
-        "least for others": lambda seen: -altruist.q_values(seen),
+        "least for others": lambda observation: -altruist.q_values(observation),
         "as the egoist": egoist.q_values,
-        "fastest": lambda seen: np.tile(np.arange(dial.n_actions, dtype=float), (len(seen), 1)),
+        "fastest": lambda rows: np.tile(np.arange(dial.n_actions, dtype=float), (len(rows), 1)),
     }
 
 
-def harmful(own: QPolicy, harm: Scores, most: float) -> Deciding:
+def harmful(policy: QPolicy, harm: Scores, most: float) -> Deciding:
     """Return a driver that takes the most harmful of the actions that lose at most so much.
 
-    The loss is the value of the best action, by the driver's own policy, less that of the action.
+    The loss is the value of the best action, by a policy, less that of the action.
     """
 
     def decide(observation: np.ndarray) -> np.ndarray:
-        values = own.q_values(observation)
+        values = policy.q_values(observation)
         allowed = values >= values.max(axis=1, keepdims=True) - most
         return np.where(allowed, harm(observation), -np.inf).argmax(axis=1)
 
-    return Deciding(own.n_features, decide)
+    return Deciding(policy.n_features, decide)
 
 
 def fitted_rows(
     course: Course,
     pool: Mapping[str, Driven],
-    seen: Course,
+    fitting: Course,
     config: Any,
     on_stage: StageCallback,
 ) -> list[Row]:
     """Fit a driver of each kind of harm to each declaration; measure it and the dial of the angle.
 
-    Its loss of a decision is the largest, by bisection, with which its values in other episodes,
-    those of `seen`, are within the declaration. Its measures, and the shares of audits that pass,
-    are of the pool, which is driven on `course`.
+    Its loss of a decision is the largest, by bisection, with which its values in the episodes of
+    `fitting` are within the declaration. Its measures, and the shares of audits that pass, are of
+    the pool, which is driven on `course`.
     """
     dial, rows = DialPolicy.load(packaged_results() / SHIPPED_DIAL), list[Row]()
-    references = drive(seen, on_stage, references_only=True)
+    references = drive(fitting, on_stage, references_only=True)
     for declared in tracked(DECLARED, on_stage, "fitting", "angles"):
-        own, fitting = dial.at(declared), Audits.of(WORLD, declared, references)
-        policies: dict[str, tuple[float, Policy]] = {"the dial": (0.0, own)}
+        honest, tests = dial.at(declared), Audits.of(WORLD, declared, references)
+        policies: dict[str, tuple[float, Policy]] = {"the dial": (0.0, honest)}
         for kind, harm in harms(dial).items():
             least, most = 0.0, MOST
             for _ in range(STEPS):
                 middle = (least + most) / 2
-                tried = seen.drive(Reference("tried", harmful(own, harm, middle)))
-                least, most = (middle, most) if fitting.holds(tried) else (least, middle)
-            policies[kind] = least, harmful(own, harm, least)
+                tried = fitting.drive(Reference("tried", harmful(honest, harm, middle)))
+                least, most = (middle, most) if tests.holds(tried) else (least, middle)
+            policies[kind] = least, harmful(honest, harm, least)
         audits = Audits.of(WORLD, declared, pool)
         for kind, (loss, policy) in policies.items():
             driver = course.drive(Reference(kind, policy))

@@ -35,12 +35,14 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """
     check_counts(config, ("pool", "audits", "fitting"))
     drawn = (config.pool_seed, config.pool), (config.fitting_seed, config.fitting)
-    seeds, seen = (np.random.default_rng(seed).integers(2**62, size=size) for seed, size in drawn)
+    course, fitting = (
+        Course(make(WORLD), np.random.default_rng(seed).integers(2**62, size=size))
+        for seed, size in drawn
+    )
     on_stage = context.on_stage
-    pools = {world: drive_optima(world, seeds) for world in GRIDWORLDS}
-    course, seen_course = (Course(make(WORLD), episodes) for episodes in (seeds, seen))
+    pools = {world: drive_optima(world, course.seeds) for world in GRIDWORLDS}
     pools[WORLD] = drive(course, on_stage)
-    fitted = fitted_rows(course, pools[WORLD], seen_course, config, on_stage)
+    fitted = fitted_rows(course, pools[WORLD], fitting, config, on_stage)
     power = [row for world in pools for row in power_rows(world, pools[world], config, on_stage)]
     worst = worst_rows(pools[WORLD], config.pool_seed)
     summary: dict[str, Any] = {"worst": {}}
