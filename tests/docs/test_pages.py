@@ -13,8 +13,8 @@ from socialiq.cli.main import parse
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 RUN = [page for page in PAGES if page.parent != ROOT or page.name == "README.md"]
-TRAINING = ("context.md", "continuous.md", "environments.md", "extend.md")
-"""Pages whose code trains for seconds."""
+LONG = ("context.md", "continuous.md", "effects.md", "environments.md", "extend.md", "merge.md")
+"""Pages whose code trains or drives for seconds."""
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)")
@@ -37,7 +37,7 @@ def anchors(page: Path) -> set[str]:
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=[pytest.mark.slow] if page.name in TRAINING else []) for page in RUN],
+    [pytest.param(page, marks=[pytest.mark.slow] if page.name in LONG else []) for page in RUN],
     ids=[str(page.relative_to(ROOT)) for page in RUN],
 )
 def test_code_runs(page, tmp_path, monkeypatch):
