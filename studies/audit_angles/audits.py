@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
+from scipy.stats import binom
 
 from socialiq import Margin, declare
 from socialiq.audit.evidence.outcomes import Outcomes, events_of
@@ -38,12 +39,7 @@ def declaration(world: str, angle: float) -> Profile:
 
 def most_events(limit: float, episodes: int) -> int:
     """Return the largest number of events that shows a share to be within a limit, -1 if none."""
-    low, high = -1, episodes
-    while low < high:
-        middle = (low + high + 1) // 2
-        bound = intervals.clopper_pearson(middle, episodes, 1.0 - 2.0 * ERROR).high
-        low, high = (middle, high) if bound <= limit else (low, middle - 1)
-    return low
+    return episodes if limit >= 1.0 else int(binom.ppf(ERROR, episodes, limit)) - 1
 
 
 class Measured(NamedTuple):

@@ -229,6 +229,30 @@ def _table(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
 
 
 def _schema_of(field: Field) -> dict[str, Any]:
+    degrees = {"type": "number", "minimum": 0, "exclusiveMaximum": 360}
+    bound = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
+    points = {"type": "array", "minItems": 2, "maxItems": MOST_POINTS}
+    interpolated = {
+        "by": {"type": "string"},
+        "at": {**points, "items": bound},
+        "degrees": {**points, "items": degrees},
+    }
+    angle = {"anyOf": [degrees, _table(interpolated, list(interpolated))]}
+    limits = {**_table({"at_least": bound, "at_most": bound}, []), "minProperties": 1}
+    case = {
+        "type": "object",
+        "properties": {"angle": angle},
+        "required": ["angle"],
+        "additionalProperties": limits,
+        "minProperties": 2,
+        "maxProperties": MOST_CONDITIONS + 1,
+    }
+    rule = {
+        "format": {"const": RULE_FORMAT},
+        "world": {"type": "string"},
+        "default": angle,
+        "when": {"type": "array", "items": case, "maxItems": MOST_CASES},
+    }
     low = "exclusiveMinimum" if field.above_low else "minimum"
     high = "exclusiveMaximum" if field.below_high else "maximum"
     text = {"type": "string", "maxLength": LONGEST_TEXT}
@@ -238,7 +262,7 @@ def _schema_of(field: Field) -> dict[str, Any]:
     constraints: dict[Kind, dict[str, Any]] = {
         "number": {"type": "number", low: field.low, high: field.high},
         "range": {"type": "array", "items": number, "minItems": 2, "maxItems": 2},
-        "rule": _rule_schema(),
+        "rule": _table(rule, ["format", "world", "default"]),  # as `social.angle_rule` says
         "text": {**text, "minLength": 1, "pattern": TEXT_PATTERN},
         "sha256": {"type": "string", "pattern": SHA256_PATTERN},
         "world": {**text, "pattern": WORLD_PATTERN},
@@ -250,32 +274,3 @@ def _schema_of(field: Field) -> dict[str, Any]:
         },
     }
     return {"description": field.meaning, **constraints[field.kind]}
-
-
-def _rule_schema() -> dict[str, Any]:
-    """Return the form of a rule of the angle; `social.angle_rule` says what its parts mean."""
-    degrees = {"type": "number", "minimum": 0, "exclusiveMaximum": 360}
-    number = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
-    points = {"type": "array", "minItems": 2, "maxItems": MOST_POINTS}
-    interpolated = {
-        "by": {"type": "string"},
-        "at": {**points, "items": number},
-        "degrees": {**points, "items": degrees},
-    }
-    angle = {"anyOf": [degrees, _table(interpolated, list(interpolated))]}
-    limits = {**_table({"at_least": number, "at_most": number}, []), "minProperties": 1}
-    case = {
-        "type": "object",
-        "properties": {"angle": angle},
-        "required": ["angle"],
-        "additionalProperties": limits,
-        "minProperties": 2,
-        "maxProperties": MOST_CONDITIONS + 1,
-    }
-    properties = {
-        "format": {"const": RULE_FORMAT},
-        "world": {"type": "string"},
-        "default": angle,
-        "when": {"type": "array", "items": case, "maxItems": MOST_CASES},
-    }
-    return _table(properties, ["format", "world", "default"])
