@@ -60,7 +60,8 @@ class State(NamedTuple):
     @staticmethod
     def of(arrays: Sequence[np.ndarray]) -> State:
         """Return the state of these columns."""
-        return State(*arrays[:4], Ledger(*arrays[4:]) if len(arrays) > 4 else None)
+        ledger = Ledger(*arrays[4:]) if len(arrays) > 4 else None
+        return State(*arrays[:4], ledger=ledger)
 
     def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
         """Return the state of the chosen episodes; indices may repeat."""
@@ -232,10 +233,10 @@ class RoadBatch(abc.ABC):
         )
 
     def _signals(self) -> dict[str, np.ndarray]:
-        signals = dict(zip(SIGNALS, self.buffers.signals.T.copy(), strict=True))
+        names, columns = [*SIGNALS], [*self.buffers.signals.T.copy()]
         if self.ledger is not None:
-            signals |= zip(EFFECT_SIGNALS, self.ledger.signals.T.copy(), strict=True)
-        return signals
+            names, columns = [*names, *EFFECT_SIGNALS], [*columns, *self.ledger.signals.T.copy()]
+        return dict(zip(names, columns, strict=True))
 
     @property
     def _columns(self) -> State:

@@ -156,16 +156,20 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
         tow(episode, vehicles, wrecked, settings, effects)
 
     @kernel
+    def copied(buffers, row, most):
+        """Return the episode in an array of one, and so many records of vehicles."""
+        episodes = np.empty(1, buffers.episodes.dtype)
+        vehicles: Any = np.empty(most, buffers.vehicles.dtype)
+        episodes[0] = buffers.episodes[row]
+        for slot in range(buffers.vehicles.shape[1]):
+            vehicles[slot] = buffers.vehicles[row, slot]
+        return episodes, vehicles
+
+    @kernel
     def begin(buffers, ledger, row, road, settings, effects):
         """Drive the world without the ego to the common end."""
-        places, most = buffers.vehicles.shape[1], ledger.driven.shape[1]
-        copies, vehicles = (
-            np.empty(1, buffers.episodes.dtype),
-            np.empty(most, buffers.vehicles.dtype),
-        )
-        copies[0] = buffers.episodes[row]
-        for slot in range(places):
-            vehicles[slot] = buffers.vehicles[row, slot]
+        most = ledger.driven.shape[1]
+        copies, vehicles = copied(buffers, row, most)
         ego, wrecked = copies[0].ego, np.zeros(most)
         for identity in range(most):
             ledger.relation[row, identity], ledger.wrecked[row, identity] = -1, 0.0
@@ -207,13 +211,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     def follow_up(buffers, ledger, row, number, own, road, settings, effects, moved):
         """Drive on after the ego's end to the common end."""
         ending, most = buffers.ending[row], len(moved)
-        copies, vehicles = (
-            np.empty(1, buffers.episodes.dtype),
-            np.empty(most, buffers.vehicles.dtype),
-        )
-        copies[0] = buffers.episodes[row]
-        for slot in range(buffers.vehicles.shape[1]):
-            vehicles[slot] = buffers.vehicles[row, slot]
+        copies, vehicles = copied(buffers, row, most)
         if ending == _LEFT:
             vehicles[copies[0].ego].crashed = True
         elif ending == _TIMED_OUT and effects.released:
@@ -272,13 +270,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
         """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
         most = ledger.driven.shape[1]
-        copies, vehicles = (
-            np.empty(1, buffers.episodes.dtype),
-            np.empty(most, buffers.vehicles.dtype),
-        )
-        copies[0] = buffers.episodes[row]
-        for slot in range(buffers.vehicles.shape[1]):
-            vehicles[slot] = buffers.vehicles[row, slot]
+        copies, vehicles = copied(buffers, row, most)
         own, moved = vehicles[copies[0].ego].identity, np.zeros((most, 2))
         wrecked, arrivals = ledger.wrecked[row].copy(), ledger.arrivals[row]
         if action < 0:
