@@ -43,9 +43,9 @@ class EffectOptions:
     # what an ego out of time becomes: a driver like the others, or nothing
     after_timeout: AfterTimeout = "traffic"
     delay_weight: float = -0.1  # of a metre that others lost
-    braking_weight: float = -0.5  # of a hard braking of others
-    encounter_weight: float = -1.0  # of a decision's closest encounter
-    caused_collision_weight: float = -5.0  # of the ego's collision
+    braking_weight: float = -1.0  # of a hard braking of others
+    encounter_weight: float = -2.0  # of a decision's closest encounter
+    caused_collision_weight: float = -10.0  # of the ego's collision
 
     def __post_init__(self) -> None:
         for name in ("horizon", "tow_after"):
