@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,14 +57,14 @@ def encounter(ego, vehicle):
 
 def _encroachment_entry(sources: int):
     @entry_point
-    def run(tracks, own, relation, window, gaps, first, end):
+    def run(tracks, ego_identity, relation, window, gaps, first, end):
         for row in range(first, end):
             least = window + 1
             for identity in range(tracks.shape[1]):
-                if identity == own[row] or relation[row, identity] <= 0:
+                if identity == ego_identity[row] or relation[row, identity] <= 0:
                     continue
                 for frame in range(tracks.shape[2]):
-                    ego = tracks[row, own[row], frame]
+                    ego = tracks[row, ego_identity[row], frame]
                     if np.isnan(ego[0]):
                         continue
                     begin, stop = max(frame - least + 1, 0), min(frame + least, tracks.shape[2])
@@ -87,7 +87,7 @@ encroachment: Any = _encroachment_entry(fingerprint())
 
 Args:
     tracks: x, y and heading by identity and frame, NaN for none, (row, vehicle, frame, 3).
-    own: Identity of each ego.
+    ego_identity: Identity of each ego.
     relation: Place of each vehicle in `RELATIONS`.
     window: Largest number of frames; a larger gap is written as `window` + 1.
     gaps: Frames between the first's last and the second's first presence at one place, (row,).
@@ -95,17 +95,44 @@ Args:
 """
 
 
-def effects_of(kernels: Any) -> Callable[..., Any]:
-    """Return the kernel (command, buffers, ledger, row, road, settings, effects) of a road.
+@kernel
+def write(buffers, ledger, row, instants, moved, encountered, effects):
+    """Write signals of the decisions from one to another, and the reward that they make."""
+    signals, weights = ledger.signals[row], effects.weights
+    for what in range(2):
+        alone, together = 0.0, 0.0
+        for instant in range(instants[0], instants[1]):
+            alone += ledger.alone[row, instant, what]
+        for identity in range(len(moved)):
+            together += moved[identity, what]
+            ledger.driven[row, identity, what] += moved[identity, what]
+        signals[what] = alone - together if what == 0 else together - alone
+    signals[2] = encountered
+    reward = 0.0
+    for signal in range(len(SIGNALS)):
+        reward += weights[signal] * signals[signal]
+    if buffers.ending[row] == _COLLIDED:
+        reward += weights[len(SIGNALS)]
+    buffers.rewards[row, 1] = reward
 
-    Later traffic is drawn for each decision from a stream of its own, by the episode, so that both
-    worlds and all copies of a state meet the same arrivals. Ledger and record are those of
-    `highway.effects`.
-    """
-    sub_step, renew, choose = kernels.sub_step, kernels.renew, kernels.choose
+
+class _Driving(NamedTuple):
+    """Kernels that the measures share."""
+
+    prepare: Callable[..., Any]  # (episode, arrivals, number, effects): choose its later traffic
+    # (vehicle, speed before, the ego's identity, road, settings, totals, hardest)
+    add: Callable[..., Any]
+    tow: Callable[..., Any]  # (episode, vehicles, wrecked, settings, effects)
+    # (episodes, vehicles, the ego's identity, arrivals, number, wrecked, road, settings, effects,
+    # totals): advance a world without commands
+    drive_on: Callable[..., Any]
+    copied: Callable[..., Any]  # (buffers, row, number of vehicles) -> episode and vehicles
+
+
+def _driving_of(kernels: Any) -> _Driving:
+    """Return the kernels that drive a world on and count what others drive."""
+    sub_step, renew = kernels.sub_step, kernels.renew
     leaves, remove = kernels.leaves, kernels.remove
-    release, relation = kernels.release, kernels.relation
-    same_origin = kernels.same_origin
 
     @kernel
     def prepare(episode, arrivals, number, effects):
@@ -113,9 +140,9 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
         episode.next_identity = effects.first_arrival + number
 
     @kernel
-    def add(vehicle, speed, own, road, settings, totals, hardest):
+    def add(vehicle, speed, ego_identity, road, settings, totals, hardest):
         """Add a sub-step of a vehicle, whose speed was given before it, unless it has left."""
-        if vehicle.identity == own or leaves(vehicle, road):
+        if vehicle.identity == ego_identity or leaves(vehicle, road):
             return
         totals[vehicle.identity, 0] += abs(vehicle.speed) * settings.dt
         if not vehicle.crashed:
@@ -133,7 +160,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
 
     @kernel
     def drive_on(
-        episodes, vehicles, own, arrivals, number, wrecked, road, settings, effects, moved
+        episodes, vehicles, ego_identity, arrivals, number, wrecked, road, settings, effects, moved
     ):
         """Advance all by the time of a decision; add what others drive to (vehicle, 2) totals.
 
@@ -149,7 +176,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
                 speed[slot] = vehicles[slot].speed
             sub_step(episode, vehicles, road, settings)
             for slot in range(count):
-                add(vehicles[slot], speed[slot], own, road, settings, moved, hardest)
+                add(vehicles[slot], speed[slot], ego_identity, road, settings, moved, hardest)
         for identity in range(len(moved)):
             moved[identity, 1] += hardest[identity] < HARD
         renew(episode, vehicles, road, settings)
@@ -165,6 +192,14 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
             vehicles[slot] = buffers.vehicles[row, slot]
         return episodes, vehicles
 
+    return _Driving(prepare, add, tow, drive_on, copied)
+
+
+def _begin_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
+    """Return the kernel (buffers, ledger, row, road, settings, effects) that begins an episode."""
+    remove, relation = kernels.remove, kernels.relation
+    drive_on, copied = driving.drive_on, driving.copied
+
     @kernel
     def begin(buffers, ledger, row, road, settings, effects):
         """Drive the world without the ego to the common end."""
@@ -176,23 +211,40 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
             for what in range(2):
                 ledger.without[row, identity, what] = 0.0
                 ledger.driven[row, identity, what] = 0.0
-        arrivals, own = copies[0].state_low, vehicles[ego].identity
+        arrivals, ego_identity = copies[0].state_low, vehicles[ego].identity
         ledger.arrivals[row] = arrivals
         remove(copies[0], vehicles, ego)
         for number in range(effects.decisions):
             moved = np.zeros((most, 2))
             for slot in range(copies[0].vehicles):
-                if vehicles[slot].identity != own:
+                if vehicles[slot].identity != ego_identity:
                     kind = relation(vehicles[slot], slot, buffers.vehicles[row, ego], road)
                     ledger.relation[row, vehicles[slot].identity] = kind
             drive_on(
-                copies, vehicles, own, arrivals, number, wrecked, road, settings, effects, moved
+                copies,
+                vehicles,
+                ego_identity,
+                arrivals,
+                number,
+                wrecked,
+                road,
+                settings,
+                effects,
+                moved,
             )
             for what in range(2):
                 ledger.alone[row, number, what] = 0.0
                 for identity in range(most):
                     ledger.alone[row, number, what] += moved[identity, what]
                     ledger.without[row, identity, what] += moved[identity, what]
+
+    return begin
+
+
+def _account_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
+    """Return the kernel (buffers, ledger, row, number, road, settings, effects) of a decision."""
+    relation, same_origin = kernels.relation, kernels.same_origin
+    add, tow, follow_up = driving.add, driving.tow, _follow_up_of(kernels, driving)
 
     @kernel
     def closest(buffers, row, frames, road):
@@ -208,7 +260,43 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
         return largest
 
     @kernel
-    def follow_up(buffers, ledger, row, number, own, road, settings, effects, moved):
+    def account(buffers, ledger, row, number, road, settings, effects):
+        """Count a decision, and after the last one what follows it."""
+        count, ego = buffers.present[row, 0], buffers.present[row, 1]
+        ego_identity, moved = buffers.after[row, ego].identity, np.zeros(ledger.driven[row].shape)
+        hardest = np.zeros(len(moved))
+        for slot in range(count):
+            speed = buffers.before[row, slot].speed
+            for frame in range(settings.frames):
+                vehicle = buffers.trace[row, frame, slot]
+                add(vehicle, speed, ego_identity, road, settings, moved, hardest)
+                speed = vehicle.speed
+        for identity in range(len(moved)):
+            moved[identity, 1] += hardest[identity] < HARD
+        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+        tow(episode, vehicles, ledger.wrecked[row], settings, effects)
+        last = number + 1
+        if buffers.ending[row] != 0:
+            follow_up(buffers, ledger, row, number, ego_identity, road, settings, effects, moved)
+            last = effects.decisions
+        encountered = closest(buffers, row, settings.frames, road)
+        write(buffers, ledger, row, (number, last), moved, encountered, effects)
+        for slot in range(count):
+            identity = buffers.after[row, slot].identity
+            if identity != ego_identity and ledger.relation[row, identity] < 0:
+                kind = relation(buffers.after[row, slot], slot, buffers.after[row, ego], road)
+                ledger.relation[row, identity] = kind
+
+    return account
+
+
+def _follow_up_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
+    """Return the kernel of what follows the ego's end; the last argument is (vehicle, 2) totals."""
+    release, remove = kernels.release, kernels.remove
+    drive_on, copied = driving.drive_on, driving.copied
+
+    @kernel
+    def follow_up(buffers, ledger, row, number, ego_identity, road, settings, effects, moved):
         """Drive on after the ego's end to the common end."""
         ending, most = buffers.ending[row], len(moved)
         copies, vehicles = copied(buffers, row, most)
@@ -221,57 +309,32 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
         arrivals, wrecked = ledger.arrivals[row], ledger.wrecked[row].copy()
         for later in range(number + 1, effects.decisions):
             drive_on(
-                copies, vehicles, own, arrivals, later, wrecked, road, settings, effects, moved
+                copies,
+                vehicles,
+                ego_identity,
+                arrivals,
+                later,
+                wrecked,
+                road,
+                settings,
+                effects,
+                moved,
             )
 
-    @kernel
-    def account(buffers, ledger, row, number, road, settings, effects):
-        """Write the signals of a decision, and the reward that they make."""
-        count, ego = buffers.present[row, 0], buffers.present[row, 1]
-        own, moved = buffers.after[row, ego].identity, np.zeros(ledger.driven[row].shape)
-        hardest = np.zeros(len(moved))
-        for slot in range(count):
-            speed = buffers.before[row, slot].speed
-            for frame in range(settings.frames):
-                vehicle = buffers.trace[row, frame, slot]
-                add(vehicle, speed, own, road, settings, moved, hardest)
-                speed = vehicle.speed
-        for identity in range(len(moved)):
-            moved[identity, 1] += hardest[identity] < HARD
-        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
-        tow(episode, vehicles, ledger.wrecked[row], settings, effects)
-        last = number + 1
-        if buffers.ending[row] != 0:
-            follow_up(buffers, ledger, row, number, own, road, settings, effects, moved)
-            last = effects.decisions
-        signals, weights = ledger.signals[row], effects.weights
-        for what in range(2):
-            alone, together = 0.0, 0.0
-            for instant in range(number, last):
-                alone += ledger.alone[row, instant, what]
-            for identity in range(len(moved)):
-                together += moved[identity, what]
-                ledger.driven[row, identity, what] += moved[identity, what]
-            signals[what] = alone - together if what == 0 else together - alone
-        signals[2] = closest(buffers, row, settings.frames, road)
-        for slot in range(count):
-            identity = buffers.after[row, slot].identity
-            if identity != own and ledger.relation[row, identity] < 0:
-                kind = relation(buffers.after[row, slot], slot, buffers.after[row, ego], road)
-                ledger.relation[row, identity] = kind
-        reward = 0.0
-        for signal in range(len(SIGNALS)):
-            reward += weights[signal] * signals[signal]
-        if buffers.ending[row] == _COLLIDED:
-            reward += weights[len(SIGNALS)]
-        buffers.rewards[row, 1] = reward
+    return follow_up
+
+
+def _look_ahead_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
+    """Return the kernel (buffers, ledger, row, number, action, road, settings, effects)."""
+    choose, remove = kernels.choose, kernels.remove
+    drive_on, copied = driving.drive_on, driving.copied
 
     @kernel
     def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
         """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
         most = ledger.driven.shape[1]
         copies, vehicles = copied(buffers, row, most)
-        own, moved = vehicles[copies[0].ego].identity, np.zeros((most, 2))
+        ego_identity, moved = vehicles[copies[0].ego].identity, np.zeros((most, 2))
         wrecked, arrivals = ledger.wrecked[row].copy(), ledger.arrivals[row]
         if action < 0:
             remove(copies[0], vehicles, copies[0].ego)
@@ -281,16 +344,30 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
             if action >= 0:
                 choose(copies[0], vehicles, action, road, settings)
             drive_on(
-                copies, vehicles, own, arrivals, number + later, wrecked, road, settings, effects,
+                copies, vehicles, ego_identity, arrivals, number + later, wrecked, road, settings, effects,
                 moved,
             )  # fmt: skip
             for slot in range(copies[0].vehicles):
                 identity = vehicles[slot].identity
-                if later == 0 and identity != own:
+                if later == 0 and identity != ego_identity:
                     ledger.ahead[row, identity, 0] = vehicles[slot].speed
         for identity in range(most):
             if not np.isnan(ledger.ahead[row, identity, 0]):
                 ledger.ahead[row, identity, 1] = moved[identity, 0]
+
+    return look_ahead
+
+
+def effects_of(kernels: Any) -> Callable[..., Any]:
+    """Return the kernel (command, buffers, ledger, row, road, settings, effects) of a road.
+
+    Later traffic is drawn for each decision from a stream of its own, by the episode, so that both
+    worlds and all copies of a state meet the same arrivals. Ledger and record are those of
+    `highway.effects`.
+    """
+    driving = _driving_of(kernels)
+    prepare, begin = driving.prepare, _begin_of(kernels, driving)
+    account, look_ahead = _account_of(kernels, driving), _look_ahead_of(kernels, driving)
 
     @kernel
     def run(command, buffers, ledger, row, road, settings, effects):
