@@ -83,7 +83,9 @@ class EffectsOf(Printing):
                 write_json(folder / "effects.json", rounded(result | {"versions": versions()}))
                 if episodes:
                     write_atomically(folder / "episodes.csv", as_csv(episodes))
-                    write_atomically(folder / "effects.png", style.png({"": drawn(rows)})[""])
+                    write_atomically(
+                        folder / "effects.png", style.png({"": effects_figure(rows)})[""]
+                    )
         if self.json:
             print_json(result)
             return 0
@@ -156,7 +158,7 @@ def by_episode(effects: Effects, seeds: np.ndarray) -> list[Row]:
     return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def drawn(rows: list[Row]) -> Any:
+def effects_figure(rows: list[Row]) -> Any:
     """Draw delay, hard brakings and close encounters: dials over the angle, others as lines."""
     figure = style.figure(9.0, 3.2)
     panels = figure.subplots(1, 3)
@@ -168,17 +170,18 @@ def drawn(rows: list[Row]) -> Any:
     names = list(dict.fromkeys(row["policy"] for row in rows))
     for axes, (measured, factor, label) in zip(panels, measures, strict=True):
         for number, name in enumerate(names):
-            own = [row for row in rows if row["policy"] == name]
+            rows_of_policy = [row for row in rows if row["policy"] == name]
             columns = [
-                [row[measured + end] * factor for row in own] for end in ("", "_low", "_high")
+                [row[measured + end] * factor for row in rows_of_policy]
+                for end in ("", "_low", "_high")
             ]
             values, low, high = np.array(columns)
             color = f"C{number}"
-            if own[0]["angle"] == "":
+            if rows_of_policy[0]["angle"] == "":
                 axes.axhline(values[0], color=color, linestyle="--", label=name)
                 continue
             errors = np.stack([values - low, high - values])
-            places = [row["angle"] for row in own]
+            places = [row["angle"] for row in rows_of_policy]
             axes.errorbar(places, values, errors, fmt="o-", color=color, label=name)
         axes.axhline(0.0, color="#6e6e6e", linewidth=0.8)
         style.finish(axes, "", xlabel="angle of a dial, degrees", ylabel=label)

@@ -106,7 +106,7 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
     assert ledger is not None
     weights = [getattr(options, f"{name}_weight") for name in SOCIAL_SIGNALS]
     tracks = np.full((*ledger.relation.shape, options.decisions * options.frames, 3), np.nan, "f4")
-    own = buffers.vehicles["identity"][rows, buffers.episodes["ego"]]
+    egos = buffers.vehicles["identity"][rows, buffers.episodes["ego"]]
     sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
     counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
     ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
@@ -121,7 +121,7 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
         added = {"env": made.rewards.env, "social": made.rewards.social, "eq_4_2": eq_4_2}
         for name, column in (added | {"braking": made.signals["braking"]}).items():
             sums[name] += np.where(running, column, 0.0)
-        for name, column in _judged(batch, ahead, own, made.signals["yielding"]).items():
+        for name, column in _judged(batch, ahead, egos, made.signals["yielding"]).items():
             counts[name] += np.where(running, column, 0)
         frames = slice(decision * options.frames, (decision + 1) * options.frames)
         _follow(batch, running, tracks[:, :, frames])
@@ -137,7 +137,7 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
         "ending": ending,
         "at_fault": contact == int(Contact.EGO_STRUCK),
         "delay": (lost[..., None] * kinds).sum(axis=1),
-        "gap": _gaps(tracks, own, ledger.relation, options.simulation_frequency),
+        "gap": _gaps(tracks, egos, ledger.relation, options.simulation_frequency),
         "helped": (there & (lost <= -MOVED)).sum(axis=1),
         "harmed": (there & (lost >= MOVED)).sum(axis=1),
     }
@@ -166,14 +166,14 @@ def _looks_ahead(batch: RoadBatch, action: np.ndarray, running: np.ndarray) -> _
 
 
 def _judged(
-    batch: RoadBatch, ahead: _Ahead, own: np.ndarray, yielding: np.ndarray
+    batch: RoadBatch, ahead: _Ahead, egos: np.ndarray, yielding: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the counts of the last decision: charges and credits of Eq 4.2 against causes."""
     buffers, options = batch.buffers, batch.options
     before, after, rows = buffers.before, buffers.after, np.arange(batch.size)
     slots = np.arange(before.shape[1])
     identity = after["identity"]
-    there = (slots < buffers.present[:, :1]) & (identity != own[:, None]) & ~after["crashed"]
+    there = (slots < buffers.present[:, :1]) & (identity != egos[:, None]) & ~after["crashed"]
     absent = np.take_along_axis(ahead.absent_speed, identity.astype(np.int64), axis=1)
     slowed = there & (absent - after["speed"] > SLOWED)  # NaN compares as false
     known = there & ~np.isnan(absent)
@@ -207,14 +207,14 @@ def _follow(batch: RoadBatch, running: np.ndarray, tracks: Float32[np.ndarray, "
     tracks[row, identity] = np.stack([moved[name] for name in ("x", "y", "heading")], axis=-1)
 
 
-def _gaps(tracks: np.ndarray, own: np.ndarray, relation: np.ndarray, frequency: int) -> np.ndarray:
+def _gaps(tracks: np.ndarray, egos: np.ndarray, relation: np.ndarray, frequency: int) -> np.ndarray:
     """Return the least post-encroachment time of each episode, s."""
     from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
     from socialiq.worlds.highway.core.effects import encroachment
 
-    window, gaps = int(LONGEST_GAP * frequency), np.zeros(len(own), np.int64)
-    arguments = tracks, own.astype(np.int64), relation, window, gaps
-    run_in_parts(encroachment, 1, len(own), *arguments)
+    window, gaps = int(LONGEST_GAP * frequency), np.zeros(len(egos), np.int64)
+    arguments = tracks, egos.astype(np.int64), relation, window, gaps
+    run_in_parts(encroachment, 1, len(egos), *arguments)
     return np.where(gaps > window, np.inf, gaps / frequency)
 
 

@@ -57,14 +57,14 @@ def encounter(ego, vehicle):
 
 def _encroachment_entry(sources: int):
     @entry_point
-    def run(tracks, ego_identity, relation, window, gaps, first, end):
+    def run(tracks, egos, relation, window, gaps, first, end):
         for row in range(first, end):
             least = window + 1
             for identity in range(tracks.shape[1]):
-                if identity == ego_identity[row] or relation[row, identity] <= 0:
+                if identity == egos[row] or relation[row, identity] <= 0:
                     continue
                 for frame in range(tracks.shape[2]):
-                    ego = tracks[row, ego_identity[row], frame]
+                    ego = tracks[row, egos[row], frame]
                     if np.isnan(ego[0]):
                         continue
                     begin, stop = max(frame - least + 1, 0), min(frame + least, tracks.shape[2])
@@ -87,7 +87,7 @@ encroachment: Any = _encroachment_entry(fingerprint())
 
 Args:
     tracks: x, y and heading by identity and frame, NaN for none, (row, vehicle, frame, 3).
-    ego_identity: Identity of each ego.
+    egos: Identity of each ego.
     relation: Place of each vehicle in `RELATIONS`.
     window: Largest number of frames; a larger gap is written as `window` + 1.
     gaps: Frames between the first's last and the second's first presence at one place, (row,).
@@ -344,9 +344,17 @@ def _look_ahead_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
             if action >= 0:
                 choose(copies[0], vehicles, action, road, settings)
             drive_on(
-                copies, vehicles, ego_identity, arrivals, number + later, wrecked, road, settings, effects,
+                copies,
+                vehicles,
+                ego_identity,
+                arrivals,
+                number + later,
+                wrecked,
+                road,
+                settings,
+                effects,
                 moved,
-            )  # fmt: skip
+            )
             for slot in range(copies[0].vehicles):
                 identity = vehicles[slot].identity
                 if later == 0 and identity != ego_identity:
