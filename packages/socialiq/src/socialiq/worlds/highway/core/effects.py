@@ -116,28 +116,39 @@ def write(buffers, ledger, row, instants, moved, encountered, effects):
     buffers.rewards[row, 1] = reward
 
 
+@kernel
+def prepare(episode, arrivals, number, effects):
+    """Choose the later traffic of a decision: its stream and the identity of who arrives."""
+    stream.seed(episode, arrivals + np.uint64(number))
+    episode.next_identity = effects.first_arrival + number
+
+
+@kernel
+def copied(buffers, row, most):
+    """Return the episode in an array of one, and so many records of vehicles."""
+    episodes = np.empty(1, buffers.episodes.dtype)
+    vehicles: Any = np.empty(most, buffers.vehicles.dtype)
+    episodes[0] = buffers.episodes[row]
+    for slot in range(buffers.vehicles.shape[1]):
+        vehicles[slot] = buffers.vehicles[row, slot]
+    return episodes, vehicles
+
+
 class _Driving(NamedTuple):
     """Kernels that the measures share."""
 
-    prepare: Callable[..., Any]  # (episode, arrivals, number, effects): choose its later traffic
     # (vehicle, speed before, the ego's identity, road, settings, totals, hardest)
     add: Callable[..., Any]
     tow: Callable[..., Any]  # (episode, vehicles, wrecked, settings, effects)
     # (episodes, vehicles, the ego's identity, arrivals, number, wrecked, road, settings, effects,
     # totals): advance a world without commands
     drive_on: Callable[..., Any]
-    copied: Callable[..., Any]  # (buffers, row, number of vehicles) -> episode and vehicles
 
 
 def _driving_of(kernels: Any) -> _Driving:
     """Return the kernels that drive a world on and count what others drive."""
     sub_step, renew = kernels.sub_step, kernels.renew
     leaves, remove = kernels.leaves, kernels.remove
-
-    @kernel
-    def prepare(episode, arrivals, number, effects):
-        stream.seed(episode, arrivals + np.uint64(number))
-        episode.next_identity = effects.first_arrival + number
 
     @kernel
     def add(vehicle, speed, ego_identity, road, settings, totals, hardest):
@@ -182,23 +193,13 @@ def _driving_of(kernels: Any) -> _Driving:
         renew(episode, vehicles, road, settings)
         tow(episode, vehicles, wrecked, settings, effects)
 
-    @kernel
-    def copied(buffers, row, most):
-        """Return the episode in an array of one, and so many records of vehicles."""
-        episodes = np.empty(1, buffers.episodes.dtype)
-        vehicles: Any = np.empty(most, buffers.vehicles.dtype)
-        episodes[0] = buffers.episodes[row]
-        for slot in range(buffers.vehicles.shape[1]):
-            vehicles[slot] = buffers.vehicles[row, slot]
-        return episodes, vehicles
-
-    return _Driving(prepare, add, tow, drive_on, copied)
+    return _Driving(add, tow, drive_on)
 
 
 def _begin_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     """Return the kernel (buffers, ledger, row, road, settings, effects) that begins an episode."""
     remove, relation = kernels.remove, kernels.relation
-    drive_on, copied = driving.drive_on, driving.copied
+    drive_on = driving.drive_on
 
     @kernel
     def begin(buffers, ledger, row, road, settings, effects):
@@ -293,7 +294,7 @@ def _account_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
 def _follow_up_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     """Return the kernel of what follows the ego's end; the last argument is (vehicle, 2) totals."""
     release, remove = kernels.release, kernels.remove
-    drive_on, copied = driving.drive_on, driving.copied
+    drive_on = driving.drive_on
 
     @kernel
     def follow_up(buffers, ledger, row, number, ego_identity, road, settings, effects, moved):
@@ -327,7 +328,7 @@ def _follow_up_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
 def _look_ahead_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     """Return the kernel (buffers, ledger, row, number, action, road, settings, effects)."""
     choose, remove = kernels.choose, kernels.remove
-    drive_on, copied = driving.drive_on, driving.copied
+    drive_on = driving.drive_on
 
     @kernel
     def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
@@ -374,7 +375,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     `highway.effects`.
     """
     driving = _driving_of(kernels)
-    prepare, begin = driving.prepare, _begin_of(kernels, driving)
+    begin = _begin_of(kernels, driving)
     account, look_ahead = _account_of(kernels, driving), _look_ahead_of(kernels, driving)
 
     @kernel
