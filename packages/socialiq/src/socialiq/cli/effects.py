@@ -1,4 +1,4 @@
-"""`effects`: what drivers cause on a road, measured by the same episodes without them."""
+"""`effects`: effects of drivers on others, measured by the same episodes without them."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class EffectsOf(Printing):
     tow_after: float = 5.0
     """Seconds after which wrecks are removed, with and without the ego; 0 leaves them."""
     after_timeout: AfterTimeout = "traffic"
-    """What an ego out of time becomes: a driver like the others, or nothing."""
+    """An ego out of time drives on as traffic, or is removed."""
     out: Path | None = None
     """Folder to make: effects.csv, episodes.csv, effects.json, effects.png."""
     allow_code: bool = False
@@ -185,5 +185,5 @@ def effects_figure(rows: list[Row]) -> Any:
             axes.errorbar(places, values, errors, fmt="o-", color=color, label=name)
         axes.axhline(0.0, color="#6e6e6e", linewidth=0.8)
         style.finish(axes, "", xlabel="angle of a dial, degrees", ylabel=label)
-    style.head(figure, "What drivers cause", panels[0], 4)
+    style.head(figure, "Effects of drivers on others", panels[0], 4)
     return figure

@@ -1,4 +1,4 @@
-"""What a driver causes on a road, by episodes without it, and what Eq 4.2 charges and credits.
+"""Effects of drivers on a road, by episodes without them, and the errors of Eq 4.2 about them.
 
 A vehicle's delay is the metres that it drives to the common end without the ego, less those with
 it. The measures need a world that rewards effects (`worlds.highway.effects`).
@@ -32,7 +32,7 @@ GAINED = 0.5  # m in the decisions ahead, from which a credited vehicle gains or
 
 
 class Effects(NamedTuple):
-    """What a driver causes, a row for each episode; counts are of vehicles and decisions.
+    """Effects of a driver, a row for each episode; counts are of vehicles and decisions.
 
     Attributes:
         totals: Sums of r_env and of the reward of effects.
@@ -144,7 +144,7 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
 
 
 class _Ahead(NamedTuple):
-    """What others do from here, by identity: speeds after a decision, metres of several."""
+    """Motion of others from here, by identity: speeds after a decision, metres of several."""
 
     absent_speed: Float[np.ndarray, "row vehicle"]
     repeated: Float[np.ndarray, "row vehicle"]

@@ -1,4 +1,4 @@
-"""What the ego causes: options of the measure, and its arrays beside those of the episodes.
+"""Effects of the ego on others: options of the measure, and its arrays beside the episodes.
 
 The same episode is driven without the ego, to the same end, so that the difference of both is the
 ego's doing (difference reward; Wolpert and Tumer 2001). Kernels are in `core.effects`.
@@ -132,7 +132,7 @@ AHEAD = 5  # decisions of a look ahead
 
 
 class Ledger(NamedTuple):
-    """What others drive with and without the ego, a row for each episode.
+    """Metres and brakings of others with and without the ego, a row for each episode.
 
     Vehicles are counted by identity, which is the same in both worlds.
     """

@@ -237,7 +237,7 @@ _FAR = 1e6  # m, where removed vehicles stand
 
 @kernel
 def _remove(_episode, cars, slot):
-    """Put a vehicle where it meets nobody: entries belong to slots."""
+    """Put a vehicle out of reach of all others: entries belong to slots."""
     car = cars[slot]
     car.x, car.y, car.speed, car.target_speed = _FAR * (2 + slot), _FAR, 0.0, 0.0
     car.steering, car.acceleration, car.pushed = 0.0, 0.0, False
