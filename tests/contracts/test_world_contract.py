@@ -223,7 +223,8 @@ def test_spawn_probability_must_be_one(p):
 def test_unknown_worlds_are_refused():
     line = "^unknown world 'crossing9': choose one of crossing5, crossing7"
     continuous = "intersection-continuous", "intersection-continuous-steering"
-    intersections = ", ".join(("intersection", *continuous, f"{continuous[1]}-offroad"))
+    plain = "intersection", "intersection-caused"
+    intersections = ", ".join((*plain, *continuous, f"{continuous[1]}-offroad"))
     with pytest.raises(UserError, match=f"{line}, {intersections}$"):
         registry.make("crossing9")
     line = f"{line}$"

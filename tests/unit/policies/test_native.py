@@ -4,6 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import socialiq
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
@@ -102,6 +103,7 @@ def refused(tmp_path, match, kind="policy", version=2, drop=(), changed=None, **
 
 
 def test_header_must_be_borne_out(tmp_path):
+    assert socialiq.QPolicy.KIND  # the public class refuses values of its own accord
     for name in ("activation", "temperature", "provenance", "view", "weight_1", "bias_0"):
         refused(tmp_path, "header that doesn't fit its arrays", drop=(name,))
     for layers in (0, -1, 10**12, "2", None, True):

@@ -199,6 +199,8 @@ class SavedNetwork(Saved):
             if sound:  # before anything is computed: a header may claim widths of any size
                 width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
                 sound = width > 0 and _chained(policy.weights, policy.biases, width + extra)
+        except UserError:  # the class refuses a value, and would name no file
+            sound = False
         except _FAULTS as error:
             raise refusal(path, "has a header that doesn't fit its arrays") from error
         if not sound:
