@@ -28,13 +28,8 @@ NOTICE = "compiling the roads for this machine, once"
 
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
-_TABLES = (
-    "effects",
-    "network",
-    "options",
-    "scenes",
-    "idm",
-)  # beside a folder of kernels; they read these
+# Beside a folder of kernels, which read these.
+_TABLES = ("effects", "network", "options", "scenes", "idm")
 
 
 def kernel(function: Callable[..., Any]) -> Any:
