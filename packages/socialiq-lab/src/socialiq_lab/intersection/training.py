@@ -32,6 +32,7 @@ from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.comparison import nearest_mode, of_modes
@@ -225,7 +226,9 @@ class DialIterationRun:
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
     check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
-    """Angles of a check, in degrees."""
+    """Angles of a check, in degrees; its r_social is Eq 4.2."""
+    effects: EffectOptions | None = None
+    """Of a training by what the ego causes, in the place of Eq 4.2."""
 
 
 def train_dial_by_iteration(
@@ -245,7 +248,7 @@ def train_dial_by_iteration(
         return _mean_value(config, DialPolicy.of(network, 1.0, structure.low, structure.high, {}))
 
     labeller = road.dial_labeller(
-        structure, Intersection(config.options), config.environments, clock
+        structure, Intersection(config.options, config.effects), config.environments, clock
     )
     train = partial(
         policy_iteration.train,

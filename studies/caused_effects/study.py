@@ -1,0 +1,223 @@
+"""A dial of what it causes, beside the dial of Eq 4.2, on the same episodes.
+
+Both are trained by policy iteration from the same dial. The social reward of the first is what the
+same episode without the ego shows that it caused; `evaluation.effects` measures both.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.evaluation import road_training
+from socialiq.evaluation.effects import Effects, measure
+from socialiq.learners.settings import check_counts
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.social.angle import exact_weights, score
+from socialiq.statistics.comparisons import paired_difference
+from socialiq.storage import packaged_results
+from socialiq.types import Ending, RewardPair, Row
+from socialiq.worlds.highway.effects import EffectOptions
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
+from socialiq_lab.intersection.driving import DIAL
+from socialiq_lab.intersection.training import (
+    Checks,
+    DialIterationRun,
+    train_dial_by_iteration,
+)
+from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.study import Context, Findings
+
+CAUSED, EQ_4_2 = "caused", "eq_4_2"
+SHIPPED = {"start": "timed.safetensors", EQ_4_2: "iterated.safetensors"}
+"""Dials of the study intersection-dial: the one that both begin with, and that of Eq 4.2."""
+MEASURES = (
+    "r_env", "r_caused", "r_eq_4_2", "delay", "braking", "gap_below_1_s", "collision", "arrival",
+    "charged", "not_caused", "caused", "missed", "credited", "gained", "lost",
+)  # fmt: skip
+SIZES = {"batch_size": 256, "first_rounds": 4, "states_per_update": 32}
+NUMBERS = {"regression": 0.4, "exploration_fall": 0.3}
+"""Settings of the training beside those of `train improve-dial`: a smaller budget."""
+_SHARES = ("gap_below_1_s", "collision", "arrival")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    Training seed 100 and episodes from 90,000,000 on were used in development.
+    """
+
+    seeds: tuple[int, ...] = (401, 402, 403, 404, 405)
+    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    updates: int = 6000
+    episodes: int = 1000  # of each block
+    blocks: tuple[int, ...] = (96_000_000, 97_000_000, 98_000_000, 99_000_000)
+    """First seeds of the blocks of evaluation episodes."""
+    effects: EffectOptions = field(default_factory=EffectOptions)
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes."""
+        check_counts(self, ("updates", "episodes"))
+
+    @property
+    def episode_seeds(self) -> tuple[int, ...]:
+        """Seed of each evaluation episode, of all blocks."""
+        return tuple(first + number for first in self.blocks for number in range(self.episodes))
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """Configuration of a dial of the committed results."""
+
+    file: str
+
+
+@dataclass(frozen=True)
+class Driving:
+    """Configuration of the episodes of one dial."""
+
+    angles: tuple[float, ...]
+    seeds: tuple[int, ...]
+    effects: EffectOptions
+
+
+def copy_shipped(
+    config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Put a dial of the committed results into the job's folder."""
+    content = (packaged_results() / "intersection-dial-clock" / config.file).read_bytes()
+    (folder / DIAL).write_bytes(content)
+
+
+def drive(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Drive a dial at each angle; write (episode, measure) arrays."""
+    (trained,) = inputs.values()
+    dial = DialPolicy.load(trained / DIAL)
+    world = Intersection(Options(), config.effects)
+    for angle in config.angles:
+        columns = columns_of(measure(world, dial.at(angle), config.seeds))
+        np.save(folder / f"{angle:g}.npy", np.column_stack([columns[name] for name in MEASURES]))
+
+
+def columns_of(effects: Effects) -> dict[str, np.ndarray]:
+    """Return the measures of each episode."""
+    return {
+        "r_env": effects.totals.env,
+        "r_caused": effects.totals.social,
+        "r_eq_4_2": effects.eq_4_2,
+        "delay": effects.delay.sum(axis=1),
+        "braking": effects.braking,
+        "gap_below_1_s": effects.gap < 1.0,
+        "collision": effects.ending == int(Ending.COLLISION),
+        "arrival": effects.ending == int(Ending.ARRIVAL),
+        **{name: getattr(effects, name) for name in MEASURES if name in Effects._fields[9:]},
+    }
+
+
+def jobs(config: Config) -> list[Job]:
+    """Return the jobs: train from the start, drive every dial."""
+    listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
+    for seed in config.seeds:
+        run = DialIterationRun(
+            structure=replace(road_training.ITERATION, updates=config.updates, **SIZES),
+            numbers=replace(road_training.ITERATION_NUMBERS, seed=seed, **NUMBERS),
+            checks=Checks(times=2, episodes=100),
+            effects=config.effects,
+        )
+        inputs = ("dials/start",)
+        listed.append(Job(f"training/{seed}", train_dial_by_iteration, run, inputs, 600.0))
+    driving = Driving(config.angles, config.episode_seeds, config.effects)
+    for name, inputs in _dials(config):
+        listed.append(Job(f"driving/{name}", drive, driving, (inputs,), 300.0))
+    return listed
+
+
+def _dials(config: Config) -> list[tuple[str, str]]:
+    """Return the name of each dial that drives, and of the job that makes it."""
+    trained = [(f"{CAUSED} {seed}", f"training/{seed}") for seed in config.seeds]
+    return [(EQ_4_2, f"dials/{EQ_4_2}"), *trained]
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Return each dial's measures at each angle, differences of both, and values at each angle."""
+    driven = {
+        name: {
+            angle: np.load(context.work / "driving" / name / f"{angle:g}.npy")
+            for angle in config.angles
+        }
+        for name, _ in _dials(config)
+    }
+    trained = [driven[f"{CAUSED} {seed}"] for seed in config.seeds]
+    dials = {CAUSED: trained, EQ_4_2: [driven[EQ_4_2]]}
+    rows = [
+        measured_row(dial, angle, [run[angle] for run in runs])
+        for dial, runs in dials.items()
+        for angle in config.angles
+    ]
+    differences = [
+        {"angle": angle} | difference_row(trained, driven[EQ_4_2], angle, name)
+        for name in ("delay", "braking", *_SHARES)
+        for angle in config.angles
+    ]
+    values = [row for angle in config.angles for row in value_rows(trained, angle)]
+    summary: dict[str, Any] = {dial: {} for dial in dials}
+    for row in rows:
+        kept = {name: row[name] for name in ("r_env", "delay", "braking", *_SHARES)}
+        summary[row["dial"]][f"{row['angle']:g}"] = kept
+    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
+    tables = {"effects": rows, "differences": differences, "values": values}
+    return Findings(tables, summary, {DIAL: shipped})
+
+
+def measured_row(dial: str, angle: float, runs: Sequence[np.ndarray]) -> Row:
+    """Return means over training seeds, intervals over episodes, ranges over seeds, and shares."""
+    row: Row = {"dial": dial, "angle": angle, "seeds": len(runs), "episodes": len(runs[0])}
+    for column, name in enumerate(MEASURES[:8]):
+        values = np.mean([run[:, column] for run in runs], axis=0)
+        means, mean = [float(run[:, column].mean()) for run in runs], float(values.mean())
+        half = 1.96 * float(values.std(ddof=1)) / len(values) ** 0.5
+        row |= {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
+        row |= {f"{name}_least": min(means), f"{name}_largest": max(means)}
+    counts = np.sum([run[:, 8:].sum(axis=0) for run in runs], axis=0)
+    charged, not_caused, caused, missed, credited, gained, lost = counts.tolist()
+    row["not_caused_of_charged"] = not_caused / max(charged, 1.0)
+    row["missed_of_caused"] = missed / max(caused, 1.0)
+    row["gained_of_credited"] = gained / max(credited, 1.0)
+    return row | {"lost_of_credited": lost / max(credited, 1.0)}
+
+
+def difference_row(
+    trained: Sequence[Mapping[float, np.ndarray]],
+    other: Mapping[float, np.ndarray],
+    angle: float,
+    name: str,
+) -> Row:
+    """Return the mean difference of the trained dials to another one, paired by episode."""
+    column = MEASURES.index(name)
+    values = np.mean([run[angle][:, column] for run in trained], axis=0)
+    change = paired_difference(values, other[angle][:, column])
+    return {"measure": name, "difference": change.mean, "low": change.low, "high": change.high}
+
+
+def value_rows(trained: Sequence[Mapping[float, np.ndarray]], angle: float) -> list[Row]:
+    """Return what the dials of every other setting score at an angle more than their own there."""
+    scored = [
+        {setting: float(score(exact_weights(angle), RewardPair(*run[setting][:, :2].mean(axis=0))))
+         for setting in run}
+        for run in trained
+    ]  # fmt: skip
+    rows: list[Row] = []
+    for setting in trained[0]:
+        if setting != angle:
+            gains = [values[setting] - values[angle] for values in scored]
+            change = paired_difference(gains, [0.0] * len(gains)) if len(gains) > 1 else None
+            row: Row = {"angle": angle, "setting": setting, "gain": float(np.mean(gains))}
+            row |= {"low": change.low, "high": change.high} if change else {}
+            rows.append(row)
+    return rows
