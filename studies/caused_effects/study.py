@@ -194,14 +194,14 @@ def measured_row(dial: str, angle: float, runs: Sequence[np.ndarray]) -> Row:
 
 def difference_row(
     trained: Sequence[Mapping[float, np.ndarray]],
-    other: Mapping[float, np.ndarray],
+    reference: Mapping[float, np.ndarray],
     angle: float,
     name: str,
 ) -> Row:
     """Return the mean difference of the trained dials to another one, paired by episode."""
     column = MEASURES.index(name)
     values = np.mean([run[angle][:, column] for run in trained], axis=0)
-    change = paired_difference(values, other[angle][:, column])
+    change = paired_difference(values, reference[angle][:, column])
     return {"measure": name, "difference": change.mean, "low": change.low, "high": change.high}
 
 
