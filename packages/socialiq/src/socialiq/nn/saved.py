@@ -192,6 +192,7 @@ class SavedNetwork(Saved):
         for array in arrays.values():
             if array.dtype.kind != "f" or not np.isfinite(array).all():
                 raise refusal(path, "has a weight that is not a finite number")
+        unchained = refusal(path, "has layers that don't follow one another")
         try:
             policy = cls(**_fields_of(cls, arrays, header))
             plain = policy.activation in ACTIVATIONS and isinstance(policy.provenance, dict)
@@ -200,11 +201,11 @@ class SavedNetwork(Saved):
                 width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
                 sound = width > 0 and _chained(policy.weights, policy.biases, width + extra)
         except UserError:  # the class refuses a value, and would name no file
-            sound = False
+            raise unchained from None
         except _FAULTS as error:
             raise refusal(path, "has a header that doesn't fit its arrays") from error
         if not sound:
-            raise refusal(path, "has layers that don't follow one another")
+            raise unchained
         return policy
 
 
