@@ -33,6 +33,7 @@ def turned(folder, angle):
     return path
 
 
+@pytest.mark.slow
 def test_the_egoist_does_not_pass_at_45_degrees(audit, capsys):
     status, report = audit("atlas:iterated_egoistic", 45, 400)
     direction = report["tests"]["direction"]

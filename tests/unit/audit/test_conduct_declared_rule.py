@@ -54,6 +54,7 @@ def test_the_driver_that_follows_the_rule_passes(profile: Path, tmp_path: Path) 
     assert "decision loss at the declared rule" in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_constant_angle_that_declares_the_rule_fails(profile: Path, tmp_path: Path) -> None:
     report = audited(profile, "constant", tmp_path / "out")
     assert report["verdict"]["decision"] == "fail"

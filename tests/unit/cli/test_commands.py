@@ -298,6 +298,7 @@ def test_any_gymnasium_environment_trains_online(tmp_path, capsys):
     assert found["r_env"] == found["length"] > 0
 
 
+@pytest.mark.slow
 def test_a_broken_lane_is_named_and_the_status_is_1(demonstrations, tmp_path, capsys):
     out = tmp_path / "broken"
     arguments = [

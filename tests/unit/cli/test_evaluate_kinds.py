@@ -46,6 +46,7 @@ def test_python_and_dials_drive_at_the_intersection(capsys):
     assert row(["q.safetensors", *words], capsys) != row(["go", *words], capsys)
 
 
+@pytest.mark.slow
 def test_foreign_policies_are_exact_in_a_gridworld(capsys):
     found = row(["python:ego.py:go", "--allow-code", "--angle", "30"], capsys)
     weights, biases = (np.zeros((3, 6), np.float32),), (np.float32([0, 1, 0]),)

@@ -135,6 +135,7 @@ def test_ctrl_c_stops_and_the_same_command_goes_on(command, tmp_path, send):
     assert (tmp_path / "calls").read_text() == "before.part "
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_job_that_does_not_listen(command, tmp_path):
     process = command("linger", int(LONGER))
     wait_until((tmp_path / "slow.part" / "half").exists)

@@ -69,6 +69,7 @@ def test_a_known_divergence_as_ones_own_trains_alike(data, name: str) -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_loss_of_ones_own_names_its_terms(data) -> None:
     def pull(network: Any, target_network: Any, batches: Any, hyperparameters: Any, static: Any):
         size = sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(network))

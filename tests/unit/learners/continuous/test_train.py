@@ -50,6 +50,7 @@ def test_runs_in_one_program_are_those_of_one_by_one(line) -> None:
     assert not np.allclose(both.policy(0).predict(seen)[0], both.policy(1).predict(seen)[0])
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits(line, drives, assert_same) -> None:
     once, again = (sound(IQ, IQ_NUMBERS, [drives], line) for _ in range(2))
     assert_same(once.networks, again.networks)

@@ -36,6 +36,7 @@ def rows_of(runs: Runs, run: int) -> list[np.ndarray]:
     return [np.asarray(leaf[run])[: int(ring.added[run])] for leaf in jax.tree.leaves(ring.columns)]
 
 
+@pytest.mark.slow
 def test_runs_that_act_together_have_the_experience_of_each_alone() -> None:
     both, alone = collected((3, 4)), collected((4,))
     assert int(both.carry.replay.added[1]) == 18

@@ -12,7 +12,8 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.registry import open_world
 
-ROADS = pytest.mark.parametrize("road", ["intersection", "merge", "roundabout"])
+SLOW = [pytest.param(road, marks=pytest.mark.slow) for road in ("merge", "roundabout")]
+ROADS = pytest.mark.parametrize("road", ["intersection", *SLOW])
 EPISODES = 60
 
 
