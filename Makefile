@@ -27,10 +27,10 @@ check: $(VENV)/installed-dev  ## lint, types, layers, spelling and plain words (
 tests: core  ## the quick tests, shapes checked at run time, warnings as errors
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow" --ignore tests/extras $(PYTEST)
 
-# Numba keeps the compiled intersection on disk. Without it there, both workers of pytest would
-# compile it at the same time, a minute each.
+# Numba keeps the compiled intersection on disk, with the world without the ego. Without it there,
+# both workers of pytest would compile it at the same time, a minute each.
 core: $(VENV)/installed-dev
-	$(BIN)/python -c "from socialiq.worlds import registry; registry.make('intersection').batch(1).reset(0)"
+	$(BIN)/python -c "from socialiq.worlds import registry; registry.make('intersection-caused').batch(1).reset(0)"
 
 docs: $(VENV)/installed-docs  ## the documentation's site, in build/site; a warning is an error
 	$(BIN)/sphinx-build --jobs auto --fail-on-warning --keep-going --quiet docs build/site
