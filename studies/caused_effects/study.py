@@ -34,13 +34,12 @@ from socialiq_lab.study import Context, Findings
 CAUSED, EQ_4_2 = "caused", "eq_4_2"
 SHIPPED = {"start": "timed.safetensors", EQ_4_2: "iterated.safetensors"}
 """Dials of the study intersection-dial: the one that both begin with, and that of Eq 4.2."""
-MEASURES = (
+MEANS = (
     "r_env", "r_caused", "r_eq_4_2", "delay", "braking", "gap_below_1_s", "collision", "arrival",
-    "charged", "not_caused", "caused", "missed", "credited", "gained", "lost",
 )  # fmt: skip
-SIZES = {"batch_size": 256, "first_rounds": 4, "states_per_update": 32}
-NUMBERS = {"regression": 0.4, "exploration_fall": 0.3}
-"""Settings of the training beside those of `train improve-dial`: a smaller budget."""
+COUNTS = ("charged", "not_caused", "caused", "missed", "credited", "gained", "lost")
+MEASURES = MEANS + COUNTS
+"""Measures of an episode: of which a table has the mean, and numbers of vehicles."""
 _SHARES = ("gap_below_1_s", "collision", "arrival")
 
 
@@ -116,17 +115,26 @@ def columns_of(effects: Effects) -> dict[str, np.ndarray]:
         "gap_below_1_s": effects.gap < 1.0,
         "collision": effects.ending == int(Ending.COLLISION),
         "arrival": effects.ending == int(Ending.ARRIVAL),
-        **{name: getattr(effects, name) for name in MEASURES if name in Effects._fields[9:]},
+        **{name: getattr(effects, name) for name in COUNTS},
     }
 
 
 def jobs(config: Config) -> list[Job]:
     """Return the jobs: train from the start, drive every dial."""
     listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
+    # A smaller budget than that of `train improve-dial`.
+    structure = replace(
+        road_training.ITERATION,
+        updates=config.updates,
+        batch_size=256,
+        first_rounds=4,
+        states_per_update=32,
+    )
+    numbers = replace(road_training.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
     for seed in config.seeds:
         run = DialIterationRun(
-            structure=replace(road_training.ITERATION, updates=config.updates, **SIZES),
-            numbers=replace(road_training.ITERATION_NUMBERS, seed=seed, **NUMBERS),
+            structure=structure,
+            numbers=replace(numbers, seed=seed),
             checks=Checks(times=2, episodes=100),
             effects=config.effects,
         )
@@ -178,13 +186,13 @@ def compute_tables(config: Config, context: Context) -> Findings:
 def measured_row(dial: str, angle: float, runs: Sequence[np.ndarray]) -> Row:
     """Return means over training seeds, intervals over episodes, ranges over seeds, and shares."""
     row: Row = {"dial": dial, "angle": angle, "seeds": len(runs), "episodes": len(runs[0])}
-    for column, name in enumerate(MEASURES[:8]):
+    for column, name in enumerate(MEANS):
         values = np.mean([run[:, column] for run in runs], axis=0)
         means, mean = [float(run[:, column].mean()) for run in runs], float(values.mean())
         half = 1.96 * float(values.std(ddof=1)) / len(values) ** 0.5
         row |= {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
         row |= {f"{name}_least": min(means), f"{name}_largest": max(means)}
-    counts = np.sum([run[:, 8:].sum(axis=0) for run in runs], axis=0)
+    counts = np.sum([run[:, len(MEANS) :].sum(axis=0) for run in runs], axis=0)
     charged, not_caused, caused, missed, credited, gained, lost = counts.tolist()
     row["not_caused_of_charged"] = not_caused / max(charged, 1.0)
     row["missed_of_caused"] = missed / max(caused, 1.0)

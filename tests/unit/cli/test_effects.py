@@ -6,6 +6,8 @@ import pytest
 
 from socialiq.cli.main import main
 
+CLOCKED = "results/caused-effects/dial.safetensors"
+DIAL = "results/dial-short/dial.safetensors"
 GO = ["effects", "intersection", "--policy", "go", "--episodes", "6"]
 
 
@@ -24,8 +26,7 @@ def test_effects_of_a_rule_on_a_road(tmp_path, capsys):
 
 
 def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
-    dial = "results/dial-short/dial.safetensors"
-    words = ["effects", "crossing7", "--policy", dial, "--angle", "0", "45", "--json"]
+    words = ["effects", "crossing7", "--policy", DIAL, "--angle", "0", "45", "--json"]
     assert main(words) == 0
     egoist, prosocial = json.loads(capsys.readouterr().out)["drivers"]
     assert (egoist["angle"], egoist["delay"]) == (0.0, pytest.approx(2.0))
@@ -41,6 +42,10 @@ def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
         ([*GO, "--horizon", "3"], "horizon must be at least the duration"),
         ([*GO, "--horizon=-1"], "horizon must be a number of seconds of at least 0"),
         ([*GO, "--policy", "nowhere"], "nowhere"),
+        ([*GO, "--angle", "45"], "--angle is of dials"),
+        ([*GO, "--policy", CLOCKED, "--angle", "200"], "200"),
+        ([*GO, "--policy", DIAL], "takes 7 features and 3 actions, the world has 70"),
+        (["effects", "crossing7", "--policy", DIAL, "--horizon", "30"], "--horizon is of a road"),
     ],
 )
 def test_bad_calls_leave_nothing(words, message, tmp_path, capsys):

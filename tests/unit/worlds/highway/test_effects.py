@@ -60,7 +60,7 @@ def test_an_ego_alone_causes_nothing():
     state.vehicles[:, 0] = state.vehicles[rows, state.episodes["ego"]]
     state.episodes["vehicles"], state.episodes["ego"] = 1, 0
     batch.restore(state)
-    batch.look(BEGIN, np.ones(batch.size, bool))
+    batch.measure(BEGIN, np.ones(batch.size, bool))
     sums, _ = driven(batch, constant(batch, batch.faster))
     assert not sums.any()
 
@@ -96,7 +96,7 @@ def test_a_look_ahead_with_the_own_action_is_the_step(road):
     batch = started(road)
     for action in range(batch.n_actions):
         state = batch.save()
-        batch.look(REPEAT + action, np.ones(batch.size, bool))
+        batch.measure(REPEAT + action, np.ones(batch.size, bool))
         ahead = batch.ledger.ahead[..., 0].copy()
         batch.step(np.full(batch.size, action), auto_reset=False)
         now, compared = batch.buffers, 0
@@ -163,7 +163,7 @@ def test_a_world_without_effects_has_no_ledger():
     ("options", "message"),
     [
         ({"horizon": 10.0}, "horizon must be at least the duration of an episode, 20 s"),
-        ({"horizon": "long"}, "horizon must be a number"),
+        ({"horizon": "long"}, "horizon of intersection-caused is a text"),
         ({"tow_after": -1.0}, "tow_after must be a number of seconds"),
         ({"after_timeout": "flies"}, "after_timeout"),
         ({"delay_weight": float("nan")}, "delay_weight must be a finite number"),

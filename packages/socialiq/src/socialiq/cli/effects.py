@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -12,9 +13,11 @@ import tyro
 
 from socialiq.cli.drivers import dial_of, driver_of, gridworld_of
 from socialiq.cli.output import Printing, print_json, print_table, say
+from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.effects import Effects, expected_delay, measure, summary
 from socialiq.evaluation.exact import action_table, evaluate_exactly
+from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
@@ -72,6 +75,8 @@ class EffectsOf(Printing):
         one_of("world", self.world, (*GRIDWORLDS, "intersection", *SCENES))
         if not self.policy:
             raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
+        if self.angle and all(angle is None for _, angle in self.drivers()):
+            raise UserError("--angle is of dials: name a dial's file by --policy, or leave it out")
         if self.out:
             check_output_folder(self.out, replace=False)
         episodes: list[Row] = []
@@ -100,26 +105,35 @@ class EffectsOf(Printing):
         options = {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
         world = open_world(self.world + CAUSED, **options)
         assert isinstance(world, RoadWorld)
-        world.batch(1)  # refuses options that don't fit, before the first driver
         seeds, rows = np.arange(self.seed, self.seed + self.episodes), []
-        for name, angle in self.drivers():
-            with driver_of(name, world, angle, self.allow_code) as loaded:
+        with contextlib.ExitStack() as closing:
+            # What can't work is refused before the first driver drives.
+            world.batch(1)
+            if self.out:
+                drawing()
+            opened = [
+                (name, angle, closing.enter_context(driver_of(name, world, angle, self.allow_code)))
+                for name, angle in self.drivers()
+            ]
+            for name, angle, loaded in opened:
                 effects = measure(world, loaded.policy, seeds)
-            row: Row = {"policy": Path(name).name, "angle": "" if angle is None else angle}
-            rows.append(row | summary(effects))
-            episodes += [row | line for line in by_episode(effects, seeds)]
-            say(f"{row['policy']} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
+                row: Row = {"policy": name, "angle": "" if angle is None else angle}
+                rows.append(row | summary(effects))
+                episodes += [row | line for line in by_episode(effects, seeds)]
+                say(f"{name} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
         return rows, {"episodes": self.episodes, "seed": self.seed, **options}
 
     def exact(self) -> tuple[list[Row], Row]:
         """Return the expected cells that each driver costs others in a gridworld."""
+        unused = ("episodes", "seed", "horizon", "tow_after", "after_timeout")
+        refuse_unused(self, unused, "a road as the world")
         plain, rows = make_grid(self.world), list[Row]()
         for name, angle in self.drivers():
             with driver_of(name, plain, angle, self.allow_code) as loaded:
                 table = gridworld_of(self.world, loaded.record.interface)
                 chances = action_table(loaded.policy, table, "greedy")
             metrics = evaluate_exactly(table, chances)
-            row: Row = {"policy": Path(name).name, "angle": "" if angle is None else angle}
+            row: Row = {"policy": name, "angle": "" if angle is None else angle}
             row |= {"r_env": metrics.r_env, "r_social": metrics.r_social}
             row |= {"delay": expected_delay(table, chances), "collision": metrics.collision}
             rows.append(row | {"arrival": metrics.arrival})

@@ -110,27 +110,27 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
     sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
     counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
     ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
-    running, decision = np.ones(len(seeds), bool), 0
+    running, number = np.ones(len(seeds), bool), 0
     while running.any():
         action = actor.decide(batch.observation, running)
         ahead = _looks_ahead(batch, action, running)
-        made = batch.step(action, auto_reset=False, rows=running)
+        decisions = batch.step(action, auto_reset=False, rows=running)
         eq_4_2 = sum(
-            w * made.signals[name] for w, name in zip(weights, SOCIAL_SIGNALS, strict=True)
+            w * decisions.signals[name] for w, name in zip(weights, SOCIAL_SIGNALS, strict=True)
         )
-        added = {"env": made.rewards.env, "social": made.rewards.social, "eq_4_2": eq_4_2}
-        for name, column in (added | {"braking": made.signals["braking"]}).items():
+        added = {"env": decisions.rewards.env, "social": decisions.rewards.social, "eq_4_2": eq_4_2}
+        for name, column in (added | {"braking": decisions.signals["braking"]}).items():
             sums[name] += np.where(running, column, 0.0)
-        for name, column in _judged(batch, ahead, egos, made.signals["yielding"]).items():
+        for name, column in _judged(batch, ahead, egos, decisions.signals["yielding"]).items():
             counts[name] += np.where(running, column, 0)
-        frames = slice(decision * options.frames, (decision + 1) * options.frames)
+        frames = slice(number * options.frames, (number + 1) * options.frames)
         _follow(batch, running, tracks[:, :, frames])
-        ending[running], contact[running] = made.ending[running], made.contact[running]
-        running &= made.ending == int(Ending.NONE)
-        decision += 1
+        ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
+        running &= decisions.ending == int(Ending.NONE)
+        number += 1
     lost = ledger.without[..., 0] - ledger.driven[..., 0]
     kinds = ledger.relation[..., None] == np.arange(len(RELATIONS))
-    there = (ledger.relation >= 0) & (ledger.without[..., 0] > 0) & (ledger.driven[..., 0] > 0)
+    in_both = (ledger.relation >= 0) & (ledger.without[..., 0] > 0) & (ledger.driven[..., 0] > 0)
     return {
         **sums,
         **counts,
@@ -138,8 +138,8 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
         "at_fault": contact == int(Contact.EGO_STRUCK),
         "delay": (lost[..., None] * kinds).sum(axis=1),
         "gap": _gaps(tracks, egos, ledger.relation, options.simulation_frequency),
-        "helped": (there & (lost <= -MOVED)).sum(axis=1),
-        "harmed": (there & (lost >= MOVED)).sum(axis=1),
+        "helped": (in_both & (lost <= -MOVED)).sum(axis=1),
+        "harmed": (in_both & (lost >= MOVED)).sum(axis=1),
     }
 
 
@@ -154,14 +154,14 @@ class _Ahead(NamedTuple):
 def _looks_ahead(batch: RoadBatch, action: np.ndarray, running: np.ndarray) -> _Ahead:
     ledger = batch.ledger
     assert ledger is not None
-    batch.look(ABSENT, running)
+    batch.measure(ABSENT, running)
     absent_speed = ledger.ahead[..., 0].copy()
     repeated = np.full_like(absent_speed, np.nan)
     for number in range(batch.n_actions):
-        chosen = running & (action == number)
-        batch.look(REPEAT + number, chosen)
-        repeated[chosen] = ledger.ahead[chosen, :, 1]
-    batch.look(REPEAT + batch.faster, running)
+        taking = running & (action == number)
+        batch.measure(REPEAT + number, taking)
+        repeated[taking] = ledger.ahead[taking, :, 1]
+    batch.measure(REPEAT + batch.faster, running)
     return _Ahead(absent_speed, repeated, ledger.ahead[..., 1].copy())
 
 
@@ -173,15 +173,14 @@ def _judged(
     before, after, rows = buffers.before, buffers.after, np.arange(batch.size)
     slots = np.arange(before.shape[1])
     identity = after["identity"]
-    there = (slots < buffers.present[:, :1]) & (identity != egos[:, None]) & ~after["crashed"]
+    others = (slots < buffers.present[:, :1]) & (identity != egos[:, None]) & ~after["crashed"]
     absent = np.take_along_axis(ahead.absent_speed, identity.astype(np.int64), axis=1)
-    slowed = there & (absent - after["speed"] > SLOWED)  # NaN compares as false
-    known = there & ~np.isnan(absent)
-    charged = known & buffers.braking
+    slowed = others & (absent - after["speed"] > SLOWED)  # NaN compares as false
+    charged = others & ~np.isnan(absent) & buffers.braking
     caused = slowed & (before["speed"] - after["speed"] > BRAKES)
     ego = after[rows, buffers.present[:, 1]]
     apart = np.hypot(after["x"] - ego["x"][:, None], after["y"] - ego["y"][:, None])
-    credited = there & (yielding > 0)[:, None] & (apart <= options.conflict_distance)
+    credited = others & (yielding > 0)[:, None] & (apart <= options.conflict_distance)
     gain = np.take_along_axis(
         ahead.repeated - ahead.accelerating, identity.astype(np.int64), axis=1
     )
@@ -200,11 +199,11 @@ def _judged(
 def _follow(batch: RoadBatch, running: np.ndarray, tracks: Float32[np.ndarray, "r v f 3"]) -> None:
     """Write where the vehicles of a decision were, by identity and frame."""
     buffers = batch.buffers
-    there = running[:, None] & (np.arange(buffers.after.shape[1]) < buffers.present[:, :1])
-    row, slot = np.nonzero(there)
-    moved = buffers.trace[row, :, slot]  # (vehicle, frame)
+    driving = running[:, None] & (np.arange(buffers.after.shape[1]) < buffers.present[:, :1])
+    row, slot = np.nonzero(driving)
+    vehicles = buffers.trace[row, :, slot]  # (vehicle, frame)
     identity = buffers.after["identity"][row, slot]
-    tracks[row, identity] = np.stack([moved[name] for name in ("x", "y", "heading")], axis=-1)
+    tracks[row, identity] = np.stack([vehicles[name] for name in ("x", "y", "heading")], axis=-1)
 
 
 def _gaps(tracks: np.ndarray, egos: np.ndarray, relation: np.ndarray, frequency: int) -> np.ndarray:

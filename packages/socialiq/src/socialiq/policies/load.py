@@ -138,12 +138,12 @@ def read_native(
     if len(json.dumps(header)) > MOST_HEADER:
         raise refusal(path, f"has a header of more than {MOST_HEADER:,} characters")
     policy: Any = form.checked(path, arrays, header)
+    # Before the sizes: `_read_with_clock` tries two, and says what is wrong with the first.
+    at_angle = policy.at(angle) if isinstance(policy, Dial) else None
     if world is not None:
         size = getattr(policy, "action_size", 0)
         Interface(policy.n_features, policy.n_actions, size).check(str(path), world)
     if isinstance(policy, Dial):
-        assert angle is not None
-        at_angle = policy.at(angle)
         ends = {"angle": angle, "low": policy.low, "high": policy.high}
         return at_angle, _details(at_angle, header) | ends
     if isinstance(policy, ContextPolicy):

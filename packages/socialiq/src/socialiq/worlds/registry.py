@@ -19,7 +19,7 @@ from socialiq.foreign import one_line
 from socialiq.storage import kind_of
 from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.highway.effects import CAUSED, EffectOptions, effects_of
+from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection import world as intersection
@@ -86,8 +86,10 @@ def open_world(name: str, **options: Any) -> World:
     """
     loader = _loaders().get(kind_of(Path(name)))
     if loader is None and not name.lower().endswith(_FILES):
-        scene = name.removesuffix(CAUSED) in SCENES
-        return world_of(name, **options) if scene else make(name, **options)
+        if (scene := name.removesuffix(CAUSED)) not in SCENES:
+            return make(name, **options)
+        effects, options = _effects_of(name, options)
+        return dataclasses.replace(world_of(scene, **options), effects=effects)
     if options:
         raise UserError(
             f"the world of a file takes no options, got {', '.join(options)}: "
@@ -105,11 +107,23 @@ def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
         UserError: If the world, an option or an option's value is unknown.
     """
     one_of("world", name, NAMES)
-    effects, options = effects_of(name, options)
+    effects, options = _effects_of(name, options)
     chosen = parse_options(name, _kind(name), CONTINUOUS.get(name, {}) | options)
     if name in GRIDWORLDS:
         return _grid(name, chosen, repr(chosen))
     return intersection.Intersection(chosen, effects)
+
+
+def _effects_of(
+    name: str, options: Mapping[str, Any]
+) -> tuple[EffectOptions | None, dict[str, Any]]:
+    """Return the effects that a world's name asks for, and the options that are not of them."""
+    if not name.endswith(CAUSED):
+        return None, dict(options)
+    names = {field.name for field in dataclasses.fields(EffectOptions)}
+    chosen = {option: value for option, value in options.items() if option in names}
+    of_road = {option: value for option, value in options.items() if option not in names}
+    return parse_options(name, EffectOptions, chosen), of_road
 
 
 def _kind(name: str) -> Any:

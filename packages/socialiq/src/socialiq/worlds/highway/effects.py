@@ -7,9 +7,7 @@ ego's doing (difference reward; Wolpert and Tumer 2001). Kernels are in `core.ef
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from numbers import Real
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -48,6 +46,7 @@ class EffectOptions:
     caused_collision_weight: float = -10.0  # of the ego's collision
 
     def __post_init__(self) -> None:
+        one_of("after_timeout", self.after_timeout, get_args(AfterTimeout))
         for name in ("horizon", "tow_after"):
             if not (0 <= getattr(self, name) < math.inf):
                 raise UserError(
@@ -79,29 +78,10 @@ class EffectOptions:
         return {name: getattr(self, f"{name}_weight") for name in names} | {"units": units}
 
 
-def effects_of(
-    world: str, options: Mapping[str, Any]
-) -> tuple[EffectOptions | None, dict[str, Any]]:
-    """Return the effects that a world's name asks for, and the options that are not of them."""
-    if not world.endswith(CAUSED):
-        return None, dict(options)
-    names = {field.name for field in fields(EffectOptions)}
-    own = {name: value for name, value in options.items() if name in names}
-    for name, value in own.items():
-        if name == "after_timeout":
-            one_of(name, value, get_args(AfterTimeout))
-        elif isinstance(value, bool) or not isinstance(value, Real):
-            raise UserError(f"{name} must be a number, got {value!r}")
-    return EffectOptions(**own), {name: options[name] for name in options if name not in names}
-
-
 EFFECTS = np.dtype(
     [
         ("decisions", np.int64),  # to the common end
-        (
-            "first_arrival",
-            np.int64,
-        ),  # identity of what arrives after the first decision; 0: nothing
+        ("first_arrival", np.int64),  # identity of the first later vehicle; 0: none arrives
         ("tow_after", np.float64),  # s; infinite: never
         ("released", np.bool_),  # whether an ego out of time becomes a driver
         ("weights", np.float64, (len(SIGNALS) + 1,)),

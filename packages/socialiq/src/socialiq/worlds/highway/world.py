@@ -21,7 +21,6 @@ from socialiq.worlds.highway.effects import (
     PREPARE,
     EffectOptions,
     Ledger,
-    effects_of,
     record_of,
 )
 from socialiq.worlds.highway.effects import SIGNALS as EFFECT_SIGNALS
@@ -125,12 +124,8 @@ class RoadBatch(abc.ABC):
         arguments = command, seeds, seeded, actions, self._settings, road
         run_in_parts(core.run, self._threads, self.size, self.buffers, *arguments)
 
-    def look(self, command: int, rows: np.ndarray) -> None:
-        """Write what others would do from here to `ledger.ahead` (`effects.ABSENT`, `REPEAT`)."""
-        self._measure(command, rows)
-
-    def _measure(self, command: int, rows: np.ndarray) -> None:
-        """Carry out a command of `core.effects` in some rows, if effects are measured."""
+    def measure(self, command: int, rows: np.ndarray) -> None:
+        """Carry out a command of `highway.effects` in some rows, if effects are measured."""
         if self.ledger is None:
             return
         from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
@@ -183,7 +178,7 @@ class RoadBatch(abc.ABC):
             entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
         commands = np.where(chosen, RESET, SKIP).astype(np.int8)
         self._run(commands, entropy, chosen & (seeds is not None), np.zeros(self.size, np.int64))
-        self._measure(BEGIN, chosen)
+        self.measure(BEGIN, chosen)
         self._waiting[chosen], self.begun[chosen] = False, True
         return self.observation
 
@@ -204,9 +199,9 @@ class RoadBatch(abc.ABC):
         resets = auto_reset and self.ledger is None
         command = DECIDE_AND_RESET if resets else DECIDE
         commands = np.where(deciding, command, SKIP).astype(np.int8)
-        self._measure(PREPARE, deciding)
+        self.measure(PREPARE, deciding)
         self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
-        self._measure(ACCOUNT, deciding)
+        self.measure(ACCOUNT, deciding)
         ended = deciding & (self.buffers.ending != int(Ending.NONE))
         decisions = self._decisions()
         if not auto_reset:
@@ -385,17 +380,11 @@ class SceneWorld(RoadWorld):
 def world_of(scene: Scene | str, **options: Any) -> SceneWorld:
     """Return a scene, or one of `SCENES` by name, as a world; other options are the scene's own.
 
-    With `CAUSED` at the end of the name r_social is what the ego causes; `EffectOptions` are
-    options then too.
-
     Raises:
         UserError: If the scene, an option or a value is unknown.
     """
-    effects = None
-    if isinstance(scene, str):
-        effects, options = effects_of(scene, options)
-        scene = scene_of(scene.removesuffix(CAUSED))
+    chosen = scene_of(scene) if isinstance(scene, str) else scene
     names = tuple(field.name for field in dataclasses.fields(RoadOptions))
     for option in options:
-        one_of(f"option of {scene.name}", option, names)
-    return SceneWorld(scene, RoadOptions(**{**_CLOCK, **scene.defaults, **options}), effects)
+        one_of(f"option of {chosen.name}", option, names)
+    return SceneWorld(chosen, RoadOptions(**{**_CLOCK, **chosen.defaults, **options}))

@@ -244,12 +244,8 @@ def _remove(_episode, cars, slot):
 
 
 @kernel
-def _relation(_car, slot, _ego, road):
-    return (
-        0
-        if road.lanes[road.entries[slot].lane].road == road.lanes[road.entries[0].lane].road
-        else 2
-    )
+def _relation(car, slot, _ego, road):
+    return 0 if _same_origin(car, slot, 0, road) else 2
 
 
 _TABLES = _lane, _coordinate, _same_origin, _arrived, _sight
