@@ -95,6 +95,9 @@ class EffectsOf(Printing):
             print_json(result)
             return 0
         names = [name for name in PRINTED if name in rows[0]]
+        short = {name: Path(name).name for name in self.policy}
+        if len({*short.values()}) == len(short):  # paths would be broken over lines
+            rows = [row | {"policy": short[row["policy"]]} for row in rows]
         print_table([{name: row[name] for name in names} for row in rows], _HEADING)
         return 0
 
