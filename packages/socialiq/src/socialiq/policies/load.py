@@ -139,7 +139,7 @@ def read_native(
         raise refusal(path, f"has a header of more than {MOST_HEADER:,} characters")
     policy: Any = form.checked(path, arrays, header)
     # Before the sizes: `_read_with_clock` tries two, and says what is wrong with the first.
-    at_angle = policy.at(angle) if isinstance(policy, Dial) else None
+    at_angle = policy.at(angle) if issubclass(form, Dial) else None
     if world is not None:
         size = getattr(policy, "action_size", 0)
         Interface(policy.n_features, policy.n_actions, size).check(str(path), world)
