@@ -1,30 +1,25 @@
-"""The dial in the 7x7 world: one network for every angle, against the exact optimum of each.
-
-Agents of one angle whose strength follows from a budget of regret stand beside it.
-"""
+"""The dial in the 7x7 world: one network for every angle, against the exact optimum of each."""
 
 import dataclasses
-import itertools
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from socialiq import Demonstrations, UserError
+from socialiq import UserError
 from socialiq.evaluation.dial import Sweep, ceiling_regrets, support_ceiling, sweep
-from socialiq.evaluation.exact import READOUTS, Ground, action_table, exact_regret
+from socialiq.evaluation.exact import READOUTS, Ground, action_table
 from socialiq.evaluation.rollout import rollout_totals, trajectory_datasets
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.config import PRESETS, RUNS
-from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
+from socialiq.learners.dial.config import PRESETS
+from socialiq.learners.dial.train import train
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social import dial as mixtures
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
-from socialiq_lab.study import Context, Findings, StageCallback
+from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, groups, nested, spread
 
 KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
@@ -33,24 +28,7 @@ DIAL = "dial.safetensors"
 """File of the first run's first dial in the results folder: chosen before any was evaluated."""
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; seeds 0 to 9 were used in development."""
-
-    seeds: tuple[int, ...] = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)  # each with its own data set
-    episodes_each: int = 60  # demonstrated, of each expert
-    runs: tuple[str, ...] = tuple(RUNS)  # names of `learners.dial.config.PRESETS`
-    updates: int | None = None  # gradient steps instead of each run's own number
-    wanted: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
-    """Behavioural angles of the mixtures."""
-    rollouts: int = 1000  # of each requested angle, from which mixtures are estimated
-    budgets: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0, 2.0)
-    """ε of the agents whose strength follows from a budget of regret, beside the run `offline`."""
-    budget_angle: float = 45.0  # of these agents, in degrees
-    budget_seeds: tuple[int, ...] = (30, 31, 32)  # of their trainings, among `seeds`
-
-
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Train every run, evaluate it exactly at each degree, and set its mixtures."""
     ground = Ground.of("crossing7")
     grounds = {clock: ground.with_clock(clock) for clock in (True, False)}
@@ -86,8 +64,6 @@ def compute_tables(config: Config, context: Context) -> Findings:
                     files[DIAL] = (Path(folder) / DIAL).read_bytes()
             limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
             _evaluate(tables, label, dial, grounds[clock], config, limit)
-    if "offline" in config.runs:
-        tables |= budget_tables(grounds[True], config, data[True], context.on_stage)
     if ceilings:
         tables["ceilings"] = [
             {"support": support, "seed": seed, "angle": angle, "regret": float(regret)}
@@ -109,7 +85,7 @@ def _evaluate(
     run: Row,
     dial: DialPolicy,
     ground: Ground,
-    config: Config,
+    config: Any,
     limit: AttainableSet,
 ) -> None:
     """Add the rows of a dial to the tables; `limit` has the best values within its support."""
@@ -157,7 +133,7 @@ _SETTING = (
 
 
 def _settings(
-    label: Row, dial: DialPolicy, ground: Ground, config: Config, swept: Sweep, limit: AttainableSet
+    label: Row, dial: DialPolicy, ground: Ground, config: Any, swept: Sweep, limit: AttainableSet
 ) -> list[Row]:
     """Return the mixture for each wanted angle, exact and estimated from rollouts."""
     best, points, seed = ground.optimum.attainable, swept.points, label["seed"]
@@ -207,54 +183,6 @@ def _reached(points: np.ndarray, angle: float) -> mixtures.Setting | None:
         return mixtures.setting(points, angle)
     except UserError:
         return None
-
-
-def budget_tables(
-    ground: Ground, config: Config, data: Sequence[Demonstrations], on_stage: StageCallback
-) -> dict[str, list[Row]]:
-    """Train an agent for each budget and seed; return results and paths of the multipliers."""
-    angle, offline = config.budget_angle, RUNS["offline"]
-    static = dataclasses.replace(
-        offline.structure,
-        low=angle,
-        high=angle,
-        margin=0.0,
-        one_hot=ground.table.world.one_hot,
-        updates=config.updates or offline.structure.updates,
-    )
-    cells = list(itertools.product(config.budgets, config.budget_seeds))
-    numbers = [
-        dataclasses.replace(offline.numbers, seed=seed, dataset=config.seeds.index(seed))
-        for _, seed in cells
-    ]
-    budget = Budget(
-        exact_regret(ground, static, numbers), np.array([epsilon for epsilon, _ in cells])
-    )
-    callbacks = Callbacks(on_report=on_stage("7x7 dial, budgets"))
-    trained = train(static, numbers, data, callbacks=callbacks, chunk=ASCENT_EVERY, budget=budget)
-    rows: list[Row] = []
-    for run, (epsilon, seed) in enumerate(cells):
-        dial, demonstrations = trained.policy(run), data[numbers[run].dataset]
-        chances = dial.at(angle).probabilities(demonstrations.observation)
-        chosen = chances[np.arange(len(demonstrations.action)), demonstrations.action]
-        rows.append(
-            {"budget": epsilon, "seed": seed, "angle": angle}
-            | {"multiplier": float(trained.retained[run])}
-            | {"log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean())}
-            | {f"regret_{way}": ground.regret(dial.at(angle), angle, way) for way in READOUTS}
-        )
-    path: list[Row] = [
-        {
-            "budget": epsilon,
-            "seed": seed,
-            "updates": step.updates,
-            "regret": float(step.regret[run]),
-            "multiplier": float(step.multiplier[run]),
-        }
-        for step in budget.path
-        for run, (epsilon, seed) in enumerate(cells)
-    ]
-    return {"budgets": rows, "budget_path": path}
 
 
 def _pooled(dials: list[Row]) -> list[Row]:

@@ -12,10 +12,15 @@ from socialiq.audit.profile.profile import Clip
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import decide
 from socialiq.statistics.intervals import clopper_pearson
-from studies.audit_angles.audits import Audits, declaration, most_events, resampled
 from studies.audit_angles.drivers import Driven, drive_optima, mixtures, rash
-from studies.audit_angles.fitted import harmful
-from studies.audit_angles.study import worst_rows
+from studies.audit_angles.study import (
+    Audits,
+    declaration,
+    harmful,
+    most_events,
+    resampled,
+    worst_rows,
+)
 
 EPISODES, AUDITS = 300, 8
 
