@@ -204,6 +204,7 @@ def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -
     image = axes.imshow(picture, origin="lower", aspect="auto", vmin=low, vmax=high, cmap="viridis")
     axes.set_xticks(range(len(across)), [f"{position:g}" for position in across])
     axes.set_yticks(range(len(down)), [f"{position:g}" for position in down])
+    axes.grid(visible=False)
     axes.figure.colorbar(image, ax=axes, shrink=0.7, label=layer.get("zlabel", ""))
 
 

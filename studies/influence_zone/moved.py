@@ -1,0 +1,164 @@
+"""Vehicles around the ego, and which of them its choice moves, from branches of a world alone."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.physics import ballistic, overlap_depth, wrapped
+from socialiq.worlds.enumerate import Table
+from socialiq.worlds.highway.core import rewards
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH, longitudinal
+from socialiq.worlds.highway.effects import ABSENT, REPEAT
+from socialiq.worlds.highway.world import RoadBatch, RoadWorld
+
+MOVED = 1.0  # m in the decisions of a look ahead, from which a choice moves a vehicle
+ROAD_FEATURES = ("ahead", "left", "distance", "speed_of_ego", "speed", "heading", "relation")
+"""Of a vehicle seen from the ego: m, m, m, m/s, m/s, degrees, place in `effects.RELATIONS`."""
+_TIMES = np.arange(0.25, 3.01, 0.25)  # s ahead, at which FeAR looks for contacts
+_RATES = np.linspace(-6.0, 6.0, 13)  # m/s², actions of a vehicle in FeAR
+_HALVES = (VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2) * 2
+
+Driver = Callable[[RoadBatch, np.ndarray], np.ndarray]
+"""Returns actions, given the batch and which rows run."""
+
+
+class Decision(NamedTuple):
+    """Vehicles around the egos before a decision, a row each, and what the decision brought."""
+
+    episode: np.ndarray  # row of the batch, (vehicle,)
+    features: np.ndarray  # `ROAD_FEATURES`, (vehicle, feature)
+    in_hand_zone: np.ndarray  # whether Eq 4.2 counts the vehicle, (vehicle,)
+    metres: np.ndarray  # driven in the look ahead, by repeated action, (vehicle, action)
+    absent: np.ndarray  # the same without the ego, (vehicle,)
+    chosen: np.ndarray  # the same with the action that was taken, (vehicle,)
+    lost_actions: np.ndarray  # FeAR of the ego on the vehicle, -1 to 1, (vehicle,)
+    signals: dict[str, np.ndarray]  # of the decision, (row,)
+    running: np.ndarray  # which rows the decision was taken in, bool (row,)
+
+
+def decisions(world: RoadWorld, driver: Driver, seeds: np.ndarray) -> Iterator[Decision]:
+    """Drive an episode for each seed; yield each decision of those that run."""
+    batch, running = world.batch(len(seeds)), np.ones(len(seeds), bool)
+    batch.reset(seeds)
+    ledger = batch.ledger
+    assert ledger is not None
+    while running.any():
+        action = driver(batch, running)
+        ahead = np.empty((*ledger.ahead.shape[:2], batch.n_actions + 1))
+        for number in range(batch.n_actions):
+            batch.measure(REPEAT + number, running)
+            ahead[..., number] = ledger.ahead[..., 1]
+        batch.measure(ABSENT, running)
+        ahead[..., -1] = ledger.ahead[..., 1]
+        row, slot, features = _vehicles(batch, running)
+        vehicles, egos = batch.buffers.vehicles, batch.buffers.episodes["ego"]
+        metres = ahead[row, vehicles["identity"][row, slot]]
+        there = ~np.isnan(metres).any(axis=1)
+        row, slot, features, metres = row[there], slot[there], features[there], metres[there]
+        within = np.array([_ego_in_zone(batch, number) for number in range(batch.size)])
+        others, ego = vehicles[row, slot].copy(), vehicles[row, egos[row]].copy()
+        taken = batch.step(action, auto_reset=False, rows=running)
+        reached = batch.buffers.after[row, batch.buffers.present[row, 1]]["target_speed"]
+        yield Decision(
+            episode=row,
+            features=features,
+            in_hand_zone=within[row] & (features[:, 2] <= world.options.conflict_distance),
+            metres=metres[:, :-1],
+            absent=metres[:, -1],
+            chosen=metres[np.arange(len(row)), action[row]],
+            lost_actions=feasible_action_reduction(ego, reached, others),
+            signals=taken.signals,
+            running=running,
+        )
+        running = running & (taken.ending == 0)
+
+
+def _vehicles(batch: RoadBatch, running: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return row, slot and `ROAD_FEATURES` of the other vehicles that have not crashed."""
+    vehicles, episodes = batch.buffers.vehicles, batch.buffers.episodes
+    assert batch.ledger is not None
+    slots = np.arange(vehicles.shape[1])
+    count = episodes["vehicles"] if "vehicles" in (episodes.dtype.names or ()) else len(slots)
+    present = running[:, None] & (slots < np.reshape(count, (-1, 1)))
+    present &= (slots != episodes["ego"][:, None]) & ~vehicles["crashed"]
+    row, slot = np.nonzero(present)
+    ego, other = vehicles[row, episodes["ego"][row]], vehicles[row, slot]
+    dx, dy = other["x"] - ego["x"], other["y"] - ego["y"]
+    east, north = np.cos(ego["heading"]), np.sin(ego["heading"])
+    columns = (
+        dx * east + dy * north,
+        dy * east - dx * north,
+        np.hypot(dx, dy),
+        ego["speed"],
+        other["speed"],
+        np.degrees(wrapped(other["heading"] - ego["heading"])),
+        batch.ledger.relation[row, other["identity"]],
+    )
+    return row, slot, np.column_stack(columns)
+
+
+def _ego_in_zone(batch: RoadBatch, row: int) -> bool:
+    """Whether an ego is in the influence zone of Eq 4.2, by the default zone of a road."""
+    ego = batch.buffers.vehicles[row, batch.buffers.episodes["ego"][row]]
+    lanes, settings = batch._core()[2], batch._settings  # pyright: ignore[reportPrivateUsage]
+    lane: Any = lanes.view(np.recarray)[ego["lane"]]
+    along = longitudinal(lane, ego["x"], ego["y"])
+    return bool(rewards.in_zone(lane.kind, along, lane.length, 0.0, settings.view(np.recarray)[0]))
+
+
+def feasible_action_reduction(
+    ego: np.ndarray, target: np.ndarray, others: np.ndarray
+) -> np.ndarray:
+    """Return the share of a vehicle's actions that the ego's action makes infeasible.
+
+    FeAR (George et al. 2023, arXiv:2305.15003): feasible actions if the ego keeps its speed, less
+    those if it takes its action, over the former. All drive straight on. An action of the other is
+    a constant acceleration; it is feasible without a contact within 3 s.
+
+    Args:
+        ego: Records of the egos, (vehicle,).
+        target: Speed that the ego's action selects, reached in 1 s, m/s, (vehicle,).
+        others: Records of the vehicles, (vehicle,).
+    """
+    kept = ego["speed"][:, None] * _TIMES
+    rising = np.minimum(_TIMES, 1.0)
+    change = (target - ego["speed"])[:, None]
+    acted = kept + change * (rising**2 / 2 + np.maximum(_TIMES - 1.0, 0.0))
+    speed = np.maximum(others["speed"], 0.0)[:, None, None]
+    driven, _ = ballistic(speed, _RATES[:, None], _TIMES)
+
+    def feasible(metres: np.ndarray) -> np.ndarray:
+        """Count the vehicle's actions without a contact, given the ego's metres by time."""
+        dx, dy = (
+            (others[name] - ego[name])[:, None, None]
+            + driven * along(others["heading"])[:, None, None]
+            - (metres * along(ego["heading"])[:, None])[:, None]
+            for name, along in (("x", np.cos), ("y", np.sin))
+        )
+        headings = (vehicle["heading"][:, None, None] for vehicle in (ego, others))
+        return (overlap_depth(dx, dy, *headings, *_HALVES) <= 0).all(axis=2).sum(axis=1)
+
+    before = feasible(kept)
+    return (before - feasible(acted)) / np.maximum(before, 1)
+
+
+GRID_FEATURES = ("x_ego", "v_ego", "place", "speed")
+"""Of a vehicle in a gridworld: cells, and cells per step."""
+
+
+def grid_vehicles(table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """Return `GRID_FEATURES`, and whether a choice moves the vehicle, of all states' vehicles.
+
+    A choice moves it if its next place hinges on the action, in some chance outcome.
+    """
+    columns, moved = [], []
+    number_of = {feature.name: number for number, feature in enumerate(table.world.features)}
+    for slot in range(1, len(number_of) // 2):
+        numbers = [number_of[name] for name in ("x_ego", "v_ego", f"y_{slot}", f"v_{slot}")]
+        place = table.states[:, numbers[2]]
+        after = place[table.mdp.successor]  # (state, action, chance)
+        present = place >= 0
+        moved.append((after != after[:, :1]).any(axis=(1, 2))[present])
+        columns.append(table.states[present][:, numbers])
+    return np.concatenate(columns), np.concatenate(moved)

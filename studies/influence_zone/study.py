@@ -1,0 +1,213 @@
+"""The influence zone from branches alone, beside the zone of Eq 4.2 (thesis 8.2).
+
+A vehicle is moved if what it drives in the next decisions hinges on which action the ego repeats.
+A tree and a boosted ensemble learn from one half of the episodes which vehicles are moved; they are
+judged on the other half. One code does so for every road, and for a gridworld's states.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import pearsonr, spearmanr
+
+from socialiq import tabulate
+from socialiq.evaluation.simulate import actor_of
+from socialiq.foreign import optional
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.storage import packaged_results
+from socialiq.types import Row
+from socialiq.worlds.highway.effects import CAUSED
+from socialiq.worlds.highway.options import SOCIAL_SIGNALS
+from socialiq.worlds.highway.world import RoadBatch
+from socialiq.worlds.registry import make_grid, open_world
+from socialiq_lab.study import Context, Findings
+from studies.influence_zone import moved
+
+DIALS = {
+    "Eq 4.2": "intersection-dial-clock/iterated.safetensors",
+    "effects": "caused-effects/dial.safetensors",
+}
+"""Committed dials whose decisions are compared."""
+MEASURES = "Eq 4.2", "encounter", "FeAR", "courtesy"
+DEPTH = 4  # of the small tree
+CHANGES = 0.3  # chance that the random driver of the rows draws another action
+LEAVES = 4  # of a tree, that a table has
+CELL, SIDE = 10, 40  # m, of a cell of the map, and to which it goes on each side
+
+
+def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
+    """Learn and judge the zone of each world; correlate measures of decisions with their cost."""
+    zones, leaves, cells = [], [], []
+    for road in config.roads:
+        world = open_world(f"{road}{CAUSED}")
+        seeds = config.first_seed + np.arange(config.episodes)
+        driven = list(moved.decisions(world, at_random(config.first_seed), seeds))
+        features, hand, metres, episode = (
+            np.concatenate([getattr(decision, name) for decision in driven])
+            for name in ("features", "in_hand_zone", "metres", "episode")
+        )
+        spread = metres.max(axis=1) - metres.min(axis=1)
+        row, tree = learned_zone(features, spread, hand, episode % 2 == 0, moved.MOVED)
+        zones.append({"world": road} | row)
+        leaves += [{"world": road} | leaf for leaf in leaf_rows(tree, moved.ROAD_FEATURES)]
+        cells += [{"world": road} | cell for cell in map_rows(features, spread > moved.MOVED)]
+    table = tabulate(make_grid("crossing7"))
+    features, is_moved = moved.grid_vehicles(table)
+    chosen = np.random.default_rng(config.first_seed).random(len(features)) < 0.5
+    hand = (features[:, 0] == 2) & (features[:, 2] < 3)  # thesis 5.1.2: before the conflict cell
+    row, tree = learned_zone(features, is_moved, hand, chosen, 0.5)
+    zones.append({"world": "crossing7"} | row)
+    leaves += [{"world": "crossing7"} | leaf for leaf in leaf_rows(tree, moved.GRID_FEATURES)]
+    correlations = list(correlation_rows(config))
+    summary = {
+        "zones": {row["world"]: row for row in zones},
+        "correlations": {
+            f"{row['dial']}/{row['angle']:g}/{row['measure']}": row["by_episode"]
+            for row in correlations
+        },
+    }
+    tables = {"zones": zones, "trees": leaves, "map": cells, "correlations": correlations}
+    return Findings(tables, summary)
+
+
+def at_random(seed: int) -> moved.Driver:
+    """Return a driver who repeats an action for some decisions, and then draws another one."""
+    generator = np.random.default_rng(seed)
+    held: np.ndarray = np.zeros(0, np.int64)
+
+    def drive(batch: RoadBatch, _running: np.ndarray) -> np.ndarray:
+        nonlocal held
+        drawn_actions = generator.integers(0, batch.n_actions, batch.size)
+        changes = generator.random(batch.size) < CHANGES
+        held = np.where(changes, drawn_actions, held) if len(held) else drawn_actions
+        return held
+
+    return drive
+
+
+def learned_zone(
+    features: np.ndarray, spread: np.ndarray, hand: np.ndarray, train: np.ndarray, least: float
+) -> tuple[Row, Any]:
+    """Learn which vehicles are moved by at least so much; return how it is judged, and the tree.
+
+    The learned zone has as many of the vehicles that were held out as the zone by hand.
+
+    Args:
+        features: Of each vehicle, (vehicle, feature).
+        spread: Metres that hinge on the choice, (vehicle,).
+        hand: Whether the zone of the thesis has the vehicle, (vehicle,).
+        train: Vehicles that are learned from, bool (vehicle,).
+        least: Metres from which a vehicle is moved.
+    """
+    ensemble, trees, metrics = (
+        optional(f"sklearn.{name}", "prediction", "the learned zone", "socialiq-recordings")
+        for name in ("ensemble", "tree", "metrics")
+    )
+    is_moved, test = spread > least, ~train
+    boosted = ensemble.HistGradientBoostingClassifier(max_iter=80, random_state=0)
+    tree = trees.DecisionTreeClassifier(max_depth=DEPTH, random_state=0)
+    chances = [
+        model.fit(features[train], is_moved[train]).predict_proba(features[test])[:, -1]
+        for model in (boosted, tree)
+    ]
+    row: Row = {"vehicles": len(spread), "moved": float(is_moved.mean())}
+    row["hand"] = float(hand.mean())
+    for name, chance in zip(("boosted", "tree"), chances, strict=True):
+        row[f"auc_{name}"] = float(metrics.roc_auc_score(is_moved[test], chance))
+    size = int(hand[test].sum())
+    learned = np.zeros(len(hand[test]), bool)
+    learned[np.argsort(-chances[0], kind="stable")[:size]] = True
+    zones = {"hand": hand[test], "learned": learned, "tree": chances[1] > 0.5}
+    for name, zone in zones.items():
+        hits = float((zone & is_moved[test]).sum())
+        row[f"recall_{name}"] = hits / max(int(is_moved[test].sum()), 1)
+        row[f"precision_{name}"] = hits / max(int(zone.sum()), 1)
+        row[f"metres_{name}"] = float(spread[test][zone].sum() / max(spread[test].sum(), 1e-12))
+    return row, tree
+
+
+def leaf_rows(tree: Any, names: Sequence[str]) -> list[Row]:
+    """Return the leaves of a tree with the most moved vehicles: rule, shares of all vehicles."""
+    nodes, leaves = tree.tree_, []
+    low, high = nodes.children_left.tolist(), nodes.children_right.tolist()
+    share, moved_share = nodes.n_node_samples / nodes.n_node_samples[0], nodes.value[:, 0, -1]
+
+    def follow(node: int, rule: list[str]) -> None:
+        if low[node] < 0:
+            row = {"moved": float(moved_share[node]), "share": float(share[node])}
+            leaves.append(row | {"rule": " and ".join(rule)})
+            return
+        name, limit = names[nodes.feature[node]], nodes.threshold[node]
+        follow(low[node], [*rule, f"{name} <= {limit:.3g}"])
+        follow(high[node], [*rule, f"{name} > {limit:.3g}"])
+
+    follow(0, [])
+    return sorted(leaves, key=lambda leaf: -leaf["moved"] * leaf["share"])[:LEAVES]
+
+
+def map_rows(features: np.ndarray, is_moved: np.ndarray) -> Iterator[Row]:
+    """Yield the share of vehicles that are moved, by where they are seen from the ego."""
+    ahead, left = (CELL * np.round(features[:, number] / CELL) for number in range(2))
+    centres = np.arange(-SIDE, SIDE + 1, CELL)
+    for x in centres:
+        for y in centres:
+            there = (ahead == x) & (left == y)
+            if there.sum() >= 20:
+                share = float(is_moved[there].mean())
+                place = {"ahead": int(x), "left": int(y)}
+                yield place | {"vehicles": int(there.sum()), "moved": share}
+
+
+def correlation_rows(config: Any) -> Iterator[Row]:
+    """Yield what measures of decisions say about the metres that others lose.
+
+    By decision: in the look ahead, less than without the ego. By episode: the sum of the measure
+    against the delay to the common end. The cost by Eq 4.2 is that of the decision itself. Courtesy
+    (Sun, Zhan, Tomizuka and Dragan 2018, arXiv:1808.02633) is what others would drive more if the
+    ego repeated its most helpful action. FeAR is summed over the vehicles.
+    """
+    world = open_world(f"intersection{CAUSED}")
+    weights = {name: getattr(world.options, f"{name}_weight") for name in SOCIAL_SIGNALS}
+    seeds = config.first_seed + np.arange(config.episodes)
+    for name, path in DIALS.items():
+        dial = DialPolicy.load(packaged_results() / path)
+        for angle in config.angles:
+            columns: dict[str, list[np.ndarray]] = {word: [] for word in (*MEASURES, "lost")}
+            sums = {word: np.zeros(len(seeds)) for word in (*MEASURES, "delay")}
+            for decision in moved.decisions(world, driven_by(dial.at(angle)), seeds):
+                signals, episodes = decision.signals, np.unique(decision.episode)
+                by_vehicle = {
+                    "FeAR": decision.lost_actions,
+                    "courtesy": decision.metres.max(axis=1) - decision.chosen,
+                    "lost": decision.absent - decision.chosen,
+                }
+                values = {
+                    word: np.bincount(decision.episode, metres, len(seeds))
+                    for word, metres in by_vehicle.items()
+                }
+                values["Eq 4.2"] = -sum(weights[word] * signals[word] for word in weights)
+                values["encounter"] = signals["encounter"]
+                for word, column in columns.items():
+                    column.append(values[word][episodes])
+                for word, total in sums.items():
+                    total += np.where(decision.running, {**signals, **values}[word], 0.0)
+            joined = {word: np.concatenate(column) for word, column in columns.items()}
+            for word in MEASURES:
+                row: Row = {"dial": name, "angle": angle, "measure": word}
+                row["by_decision"] = float(pearsonr(joined[word], joined["lost"]).statistic)
+                row["ranks"] = float(spearmanr(joined[word], joined["lost"]).statistic)
+                row["by_episode"] = float(pearsonr(sums[word], sums["delay"]).statistic)
+                yield row
+
+
+def driven_by(policy: Any) -> moved.Driver:
+    """Return the driver of a policy."""
+    actors: list[Any] = []
+
+    def drive(batch: RoadBatch, running: np.ndarray) -> np.ndarray:
+        if not actors:
+            actors.append(actor_of(batch, policy))
+        return actors[0].decide(batch.observation, running)
+
+    return drive

@@ -1,0 +1,68 @@
+"""The learned influence zone: what a choice moves is known in a gridworld and in plain cases."""
+
+import numpy as np
+import pytest
+
+from socialiq import tabulate
+from socialiq.worlds.intersection.options import VEHICLE
+from socialiq.worlds.registry import make_grid, open_world
+from studies.influence_zone import moved
+from studies.influence_zone.study import at_random, leaf_rows, learned_zone
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"conflict": "end_cell"}, {"braking": "one_level"}], ids=str
+)
+def test_a_planted_zone_is_found_exactly(options: dict[str, str]) -> None:
+    """The rules of crossing7 say when a vehicle brakes for the ego: that is the zone."""
+    features, is_moved = moved.grid_vehicles(tabulate(make_grid("crossing7", **options)))
+    x_ego, _, place, _ = features.T
+    # The ego may or may not come to the conflict cell, and the vehicle would enter it.
+    planted = (x_ego >= 1) & (x_ego <= 3) & (place >= 1) & (place <= 2)
+    if options == {"conflict": "end_cell"}:
+        planted &= place == 1
+    train = np.random.default_rng(0).random(len(features)) < 0.5
+    row, tree = learned_zone(features, is_moved * 1.0, planted, train, 0.5)
+    for zone in ("hand", "tree"):
+        assert row[f"recall_{zone}"] == row[f"precision_{zone}"] == 1.0, zone
+    assert leaf_rows(tree, moved.GRID_FEATURES)[0]["moved"] == 1.0
+
+
+def test_the_zone_by_hand_is_that_of_the_reward() -> None:
+    """Eq 4.2 credits (1 - v/v_max) for each vehicle that the zone of the next decision has."""
+    world, episodes = open_world("merge-caused"), 30
+    credited = np.full(episodes, np.nan)
+    compared = 0
+    for decision in moved.decisions(world, at_random(3), np.arange(episodes)):
+        counts = np.bincount(decision.episode, decision.in_hand_zone, episodes)
+        speed = np.full(episodes, np.nan)
+        speed[decision.episode] = decision.features[:, 3]
+        expected = (1.0 - np.clip(speed / world.options.max_speed, 0.0, 1.0)) * counts
+        both = ~np.isnan(speed) & ~np.isnan(credited)
+        np.testing.assert_allclose(credited[both], expected[both], atol=1e-6)
+        compared += int((expected[both] > 0).sum())
+        credited = decision.signals["yielding"].copy()
+    assert compared > 20
+
+
+def test_who_is_far_away_is_not_moved() -> None:
+    world = open_world("intersection-caused")
+    decision = next(moved.decisions(world, at_random(0), np.arange(50)))
+    far = decision.features[:, moved.ROAD_FEATURES.index("distance")] > 100.0
+    spread = decision.metres.max(axis=1) - decision.metres.min(axis=1)
+    assert far.any()
+    assert spread[far].max() < 1e-9
+    assert (spread[~far] > moved.MOVED).any()
+
+
+def test_fear_is_the_share_of_actions_that_a_choice_takes() -> None:
+    """An ego that keeps its speed takes none; one that drives into a vehicle's way takes some."""
+    ego, other = np.zeros(1, VEHICLE), np.zeros(1, VEHICLE)
+    ego["speed"] = other["speed"] = 4.0
+    other["x"], other["y"], other["heading"] = 20.0, -20.0, np.pi / 2
+    assert moved.feasible_action_reduction(ego, np.array([4.0]), other) == 0.0
+    speeds = np.array([4.5, 9.0])
+    taken = [moved.feasible_action_reduction(ego, np.array([speed]), other)[0] for speed in speeds]
+    assert 0.0 <= taken[0] < taken[1] < 1.0
+    other["x"] = 500.0
+    assert moved.feasible_action_reduction(ego, np.array([9.0]), other) == 0.0
