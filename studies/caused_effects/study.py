@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.cli.drivers import driver_of
 from socialiq.evaluation import road_training
 from socialiq.evaluation.effects import Effects, measure
 from socialiq.learners.settings import check_counts
@@ -41,6 +42,8 @@ COUNTS = ("charged", "not_caused", "caused", "missed", "credited", "gained", "lo
 MEASURES = MEANS + COUNTS
 """Measures of an episode: of which a table has the mean, and numbers of vehicles."""
 _SHARES = ("gap_below_1_s", "collision", "arrival")
+SUMMARISED = ("r_env", "delay", "braking", *_SHARES)
+MEASURED = "measures.npy"
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,11 @@ class Config:
     episodes: int = 1000  # of each block
     blocks: tuple[int, ...] = (96_000_000, 97_000_000, 98_000_000, 99_000_000)
     """First seeds of the blocks of evaluation episodes."""
+    drivers: tuple[str, ...] = (
+        "expert_egoistic", "expert_prosocial", "expert_altruistic",
+        "egoistic", "prosocial", "altruistic", "baseline", "go", "wait", "gap_3s",
+    )  # fmt: skip
+    """Experts, learners and rules of the study intersection, which drive the same episodes."""
     effects: EffectOptions = field(default_factory=EffectOptions)
 
     def __post_init__(self) -> None:
@@ -84,6 +92,15 @@ class Driving:
     effects: EffectOptions
 
 
+@dataclass(frozen=True)
+class DrivingOf:
+    """Configuration of the episodes of a driver by name."""
+
+    driver: str
+    seeds: tuple[int, ...]
+    effects: EffectOptions
+
+
 def copy_shipped(
     config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
@@ -100,13 +117,21 @@ def drive(
     dial = DialPolicy.load(trained / DIAL)
     world = Intersection(Options(), config.effects)
     for angle in config.angles:
-        columns = columns_of(measure(world, dial.at(angle), config.seeds))
-        np.save(folder / f"{angle:g}.npy", np.column_stack([columns[name] for name in MEASURES]))
+        np.save(folder / f"{angle:g}.npy", measured(measure(world, dial.at(angle), config.seeds)))
 
 
-def columns_of(effects: Effects) -> dict[str, np.ndarray]:
-    """Return the measures of each episode."""
-    return {
+def drive_by_name(
+    config: DrivingOf, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Drive a rule or a policy of the atlas; write (episode, measure) arrays."""
+    world = Intersection(Options(), config.effects)
+    policy = driver_of(config.driver, world).policy
+    np.save(folder / MEASURED, measured(measure(world, policy, config.seeds)))
+
+
+def measured(effects: Effects) -> np.ndarray:
+    """Return `MEASURES` of each episode, (episode, measure)."""
+    columns = {
         "r_env": effects.totals.env,
         "r_caused": effects.totals.social,
         "r_eq_4_2": effects.eq_4_2,
@@ -117,6 +142,7 @@ def columns_of(effects: Effects) -> dict[str, np.ndarray]:
         "arrival": effects.ending == int(Ending.ARRIVAL),
         **{name: getattr(effects, name) for name in COUNTS},
     }
+    return np.column_stack([columns[name] for name in MEASURES])
 
 
 def jobs(config: Config) -> list[Job]:
@@ -143,6 +169,9 @@ def jobs(config: Config) -> list[Job]:
     driving = Driving(config.angles, config.episode_seeds, config.effects)
     for name, inputs in _dials(config):
         listed.append(Job(f"driving/{name}", drive, driving, (inputs,), 300.0))
+    for name in config.drivers:
+        run = DrivingOf(name, config.episode_seeds, config.effects)
+        listed.append(Job(f"drivers/{name}", drive_by_name, run, (), 30.0))
     return listed
 
 
@@ -164,7 +193,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     trained = [driven[f"{CAUSED} {seed}"] for seed in config.seeds]
     dials = {CAUSED: trained, EQ_4_2: [driven[EQ_4_2]]}
     rows = [
-        measured_row(dial, angle, [run[angle] for run in runs])
+        {"dial": dial, "angle": angle} | measured_row([run[angle] for run in runs])
         for dial, runs in dials.items()
         for angle in config.angles
     ]
@@ -174,18 +203,23 @@ def compute_tables(config: Config, context: Context) -> Findings:
         for angle in config.angles
     ]
     values = [row for angle in config.angles for row in value_rows(trained, angle)]
+    drivers = [
+        {"driver": name} | measured_row([np.load(context.work / "drivers" / name / MEASURED)])
+        for name in config.drivers
+    ]
     summary: dict[str, Any] = {dial: {} for dial in dials}
     for row in rows:
-        kept = {name: row[name] for name in ("r_env", "delay", "braking", *_SHARES)}
-        summary[row["dial"]][f"{row['angle']:g}"] = kept
+        summary[row["dial"]][f"{row['angle']:g}"] = {name: row[name] for name in SUMMARISED}
+    for row in drivers:
+        summary[row["driver"]] = {name: row[name] for name in SUMMARISED}
     shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
-    tables = {"effects": rows, "differences": differences, "values": values}
+    tables = {"effects": rows, "differences": differences, "values": values, "drivers": drivers}
     return Findings(tables, summary, {DIAL: shipped})
 
 
-def measured_row(dial: str, angle: float, runs: Sequence[np.ndarray]) -> Row:
+def measured_row(runs: Sequence[np.ndarray]) -> Row:
     """Return means over training seeds, intervals over episodes, ranges over seeds, and shares."""
-    row: Row = {"dial": dial, "angle": angle, "seeds": len(runs), "episodes": len(runs[0])}
+    row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
     for column, name in enumerate(MEANS):
         values = np.mean([run[:, column] for run in runs], axis=0)
         means, mean = [float(run[:, column].mean()) for run in runs], float(values.mean())

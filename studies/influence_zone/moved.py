@@ -108,7 +108,7 @@ def _ego_in_zone(batch: RoadBatch, row: int) -> bool:
 
 
 def feasible_action_reduction(
-    ego: np.ndarray, target: np.ndarray, others: np.ndarray
+    ego: np.ndarray, target: np.ndarray, vehicle: np.ndarray
 ) -> np.ndarray:
     """Return the share of a vehicle's actions that the ego's action makes infeasible.
 
@@ -119,24 +119,24 @@ def feasible_action_reduction(
     Args:
         ego: Records of the egos, (vehicle,).
         target: Speed that the ego's action selects, reached in 1 s, m/s, (vehicle,).
-        others: Records of the vehicles, (vehicle,).
+        vehicle: Records of the vehicles, (vehicle,).
     """
     kept = ego["speed"][:, None] * _TIMES
     rising = np.minimum(_TIMES, 1.0)
     change = (target - ego["speed"])[:, None]
     acted = kept + change * (rising**2 / 2 + np.maximum(_TIMES - 1.0, 0.0))
-    speed = np.maximum(others["speed"], 0.0)[:, None, None]
+    speed = np.maximum(vehicle["speed"], 0.0)[:, None, None]
     driven, _ = ballistic(speed, _RATES[:, None], _TIMES)
 
     def feasible(metres: np.ndarray) -> np.ndarray:
         """Count the vehicle's actions without a contact, given the ego's metres by time."""
         dx, dy = (
-            (others[name] - ego[name])[:, None, None]
-            + driven * along(others["heading"])[:, None, None]
+            (vehicle[name] - ego[name])[:, None, None]
+            + driven * along(vehicle["heading"])[:, None, None]
             - (metres * along(ego["heading"])[:, None])[:, None]
             for name, along in (("x", np.cos), ("y", np.sin))
         )
-        headings = (vehicle["heading"][:, None, None] for vehicle in (ego, others))
+        headings = (record["heading"][:, None, None] for record in (ego, vehicle))
         return (overlap_depth(dx, dy, *headings, *_HALVES) <= 0).all(axis=2).sum(axis=1)
 
     before = feasible(kept)
