@@ -19,12 +19,13 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from socialiq.worlds.highway.scenes import ACTIONS as SCENE_ACTIONS
+from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import Batch as SceneBatch
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.registry import open_world
 
 HIGHWAY_STEPS = 150
 SINGLE_STEPS = 5_000
@@ -87,6 +88,7 @@ def run(repeats: int) -> dict[str, Any]:
         "steered_ratio": float(np.median(steering)),
         "two_thread_scaling": float(np.median(scaling)),
         **other_roads(repeats),
+        **effects_costs(repeats),
         **by_density(repeats),
         **start_up(),
     }
@@ -109,10 +111,23 @@ def other_roads(repeats: int) -> dict[str, float]:
     return {name: float(value) for name, value in found.items()}
 
 
+def effects_costs(repeats: int) -> dict[str, float]:
+    """How many times as long a decision takes with the measure of effects, median ratio by road."""
+    costs = {}
+    for name in ("intersection", *SCENES):
+        plain, measured = (open_world(f"{name}{end}").batch(BATCH) for end in ("", CAUSED))
+        pairs = [
+            (scene_steps_per_second(plain), scene_steps_per_second(measured))
+            for _ in range(repeats)
+        ]
+        costs[f"{name}_effects_cost"] = float(np.median([rate / slower for rate, slower in pairs]))
+    return costs
+
+
 def scene_steps_per_second(batch: SceneBatch) -> float:
     """Policy steps per second of a scene under random actions, resets included."""
     rounds = CORE_STEPS // batch.size
-    actions = np.random.default_rng(0).integers(len(SCENE_ACTIONS), size=(rounds, batch.size))
+    actions = np.random.default_rng(0).integers(batch.n_actions, size=(rounds, batch.size))
     batch.reset(0)
     begin = time.perf_counter()
     for row in actions:

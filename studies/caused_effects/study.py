@@ -13,16 +13,19 @@ import numpy as np
 
 from socialiq.cli.drivers import driver_of
 from socialiq.evaluation import road_training
-from socialiq.evaluation.effects import Effects, measure
+from socialiq.evaluation.effects import Effects, expected_delay, measure
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.storage import packaged_results
 from socialiq.types import Ending, RewardPair, Row
+from socialiq.worlds.enumerate import expert_policy, tabulate
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import make_grid
 from socialiq_lab.intersection.driving import DIAL
 from socialiq_lab.intersection.training import (
     Checks,
@@ -42,7 +45,8 @@ COUNTS = ("charged", "not_caused", "caused", "missed", "credited", "gained", "lo
 MEASURES = MEANS + COUNTS
 """Measures of an episode: of which a table has the mean, and numbers of vehicles."""
 _SHARES = ("gap_below_1_s", "collision", "arrival")
-SUMMARISED = ("r_env", "delay", "braking", *_SHARES)
+_ERRORS = ("not_caused_of_charged", "missed_of_caused", "gained_of_credited", "lost_of_credited")
+SUMMARISED = ("r_env", "r_eq_4_2", "delay", "braking", *_SHARES, *_ERRORS)
 MEASURED = "measures.npy"
 
 
@@ -210,6 +214,10 @@ def compute_tables(config: Config, context: Context) -> Findings:
     summary: dict[str, Any] = {dial: {} for dial in dials}
     for row in rows:
         summary[row["dial"]][f"{row['angle']:g}"] = {name: row[name] for name in SUMMARISED}
+    table = tabulate(make_grid("crossing7"))
+    summary["crossing7"] = {  # cells that others lose by the optimum of each mode, exactly
+        mode: expected_delay(table, expert_policy(table, angle)) for mode, angle in MODES.items()
+    }
     for row in drivers:
         summary[row["driver"]] = {name: row[name] for name in SUMMARISED}
     shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()

@@ -38,6 +38,14 @@ def test_every_claim_is_complete(rows):
             assert row["reason"], f"{row['id']}: a failed claim needs its reason"
 
 
+def test_claims_about_social_impact_have_the_second_measure(rows):
+    judged = [row for row in rows if row["caused"] or row["verdict_caused"]]
+    assert len(judged) >= 10
+    for row in judged:
+        assert row["caused"], row["id"]
+        assert row["verdict_caused"] in ("reproduced", "partly", "not"), row["id"]
+
+
 def test_numeric_verdicts_follow_from_the_numbers(rows):
     compared = 0
     for row in rows:
@@ -108,7 +116,7 @@ def test_every_tested_claim_of_one_number_states_our_number(rows):
 def test_our_numbers_are_never_typed():
     text = importlib.resources.files("socialiq_lab").joinpath("claims.toml").read_text()
     for claim in tomllib.loads(text)["claim"]:
-        callbacks = claims._PLACE.sub("", claim.get("ours", ""))
+        callbacks = claims._PLACE.sub("", claim.get("ours", "") + claim.get("caused", ""))
         assert "." not in "".join(
             callbacks[i - 1 : i + 2]
             for i in range(1, len(callbacks) - 1)

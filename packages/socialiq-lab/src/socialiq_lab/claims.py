@@ -52,7 +52,8 @@ def ledger(results: Path) -> list[dict[str, Any]]:
         Rows with `id`, `place`, `study`, `statement`, `thesis`, `ours`, `our_value` (a number or
         None), `value`, `tolerance` (of a printed mean with a spread: what standard errors explain),
         `from_numbers` (the verdict that the numbers give, None without), `command`, `verdict`,
-        `conditions`, `reason`.
+        `conditions`, `reason`, `caused` and `verdict_caused` (the same claim about what the ego
+        causes, in the place of Eq 4.2; empty without).
 
     Raises:
         UserError: If the results are missing, a place is not in them, or a tolerance is one that
@@ -69,6 +70,8 @@ def ledger(results: Path) -> list[dict[str, Any]]:
             | {"command": claim.get("command", _COMMANDS[claim["study"]])}
             | {"verdict": claim["verdict"], "conditions": claim.get("conditions", "")}
             | {"reason": resolve(claim["reason"], summaries)}
+            | {"caused": resolve(claim.get("caused", ""), summaries)}
+            | {"verdict_caused": claim.get("verdict_caused", "")}
         )
     return rows
 

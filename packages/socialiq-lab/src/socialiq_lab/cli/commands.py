@@ -67,6 +67,8 @@ def described(row: Row) -> str:
     lines += [f"ours: {row['ours']}"] if row["ours"] else []
     lines += [f"under: {row['conditions']}"] if row["conditions"] else []
     lines += [f"because: {row['reason']}"] if row["reason"] else []
+    if row["caused"]:
+        lines += [f"by what is caused [{row['verdict_caused']}]: {row['caused']}"]
     where = " (in a checkout, after `make test`)" if row["command"].startswith("pytest ") else ""
     lines += [f"command: {row['command']}{where}"] if row["command"] else []
     wrapped = [lines[0], *(textwrap.fill(line, 96) for line in lines[1:])]
