@@ -1,23 +1,36 @@
-"""Learners of the comparison by name."""
+"""Learners of the comparison by name, ours and those of other libraries.
+
+Other libraries' pins exclude ours, so each has an environment of its own, made once by a job with
+`venv` and pip. There a script of `benchmarks/peers` reads the world and the demonstrations from an
+npz file, trains with its library, and writes tables of action probabilities.
+"""
 
 import dataclasses
+import json
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from socialiq import Demonstrations, RewardPair, score, weights
-from socialiq.evaluation import rollout
+from socialiq import Demonstrations, RewardPair, UserError, score, weights
+from socialiq.evaluation import exact, rollout
 from socialiq.learners import acting, cql
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial import config as dial
+from socialiq.learners.dial import offline as regularised
 from socialiq.learners.dial import train
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
+from socialiq.social.angle import exact_weights
 from socialiq_lab import comparison_runs as runs_of_methods
+from socialiq_lab.comparison import Method
 from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
+from socialiq_lab.jobs import Job, ProgressCallback
 from studies.compare_methods.baselines import clones
 from studies.compare_methods.baselines import offline as values
 from studies.compare_methods.baselines.online import LSIQ, TREX, Inferred, inferring
@@ -54,6 +67,24 @@ def _multi_intention(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     return offline(values.MultiIntention)(share, runs)
 
 
+def _regularised(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+    """Train the behaviour-regularised dial, whose stages share the updates."""
+    preset, numbers = dial.OfflineDialConfig(), dial.OfflineDialHyperparameters()
+    names = ("hidden", "activation", "view", "batch_size")
+    share = arena.updates // (2 + preset.critic_factor)  # behaviour and dial: one each
+    static = dataclasses.replace(
+        preset, updates=max(share, 1), **{name: getattr(arena.structure, name) for name in names}
+    )
+    stages = regularised.train(
+        static,
+        [dataclasses.replace(numbers, seed=run.seed, **dict(run.setting)) for run in runs],
+        [arena.datasets[run.dataset] for run in runs],
+        lambda _stage: arena.callbacks(),
+        arena.chunk,
+    )
+    return [stages["dial"].policy(number) for number in range(len(runs))]
+
+
 PARIRL_SHARE = 7
 """One part in so many of ParIRL's updates infers the reward of either set of experts."""
 
@@ -72,7 +103,7 @@ def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
     settings = [of_modes.settings(*kinds, run, prior="none") for run in placed]
     static, numbers = settings[0][0], [entry for _, entry in settings]
-    options = first.callbacks(), arena.chunk
+    options = first.callbacks(), arena.chunk, first.collector(static, numbers)
     trained = train_iq(static, numbers, of_modes.datasets, arena.world, *options)
     rewards = [
         Inferred(network_of(trained.networks, number), run.temperature, run.discount)
@@ -111,11 +142,140 @@ LEARNERS: Mapping[str, Learner] = {
     "cql": offline(cql.ConservativeQ),
     "iql": offline(values.ImplicitQLearning),
     "outcome_conditioned": offline(clones.OutcomeConditioned),
-    "guidance": offline(clones.GuidedCloning),
+    "guidance": offline(clones.GuidedCloning, advantage="advantage"),
     "pareto_irl": _pareto_irl,
     "rl": runs_of_methods.reinforcement,
     "thesis": iq_learn(prior="reward", target_kind=iq.GRID.target_kind),
     "dial_offline": runs_of_methods.dialled(*_preset("offline"), "discount"),
+    "dial_regularised": _regularised,
     "dial_online": runs_of_methods.dialled(*_preset("online-clockless"), "discount"),
 }
-"""By the `learner` of a method in STUDY.toml."""
+"""By the `learner` of a method in STUDY.toml; those of other libraries have none."""
+
+PYTHON = Path("venv", "Scripts" if sys.platform == "win32" else "bin", "python")
+"""Interpreter of an environment, in its job's folder."""
+
+TAKEN, REQUESTS, MADE = "world.npz", "requests.json", "policies.npz"
+"""Files that a script reads, and the one that it writes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Environment:
+    """Environment of a library, by the pins that pip is given."""
+
+    pins: str
+
+
+def scripts() -> Path:
+    """Return the folder of the peers' scripts and pins, which come with the sources alone."""
+    folder = Path(__file__).parents[2] / "benchmarks" / "peers"
+    if not folder.is_dir():
+        raise UserError(
+            "the peers' scripts come with the sources, not the package: "
+            "run in a checkout, or name --methods without them"
+        )
+    return folder
+
+
+def environment_job(library: str) -> Job:
+    """Return the job that makes the environment of a library."""
+    environment = Environment((scripts() / f"{library}.txt").read_text())
+    return Job(f"environments/{library}", make_environment, environment, cost=200.0)
+
+
+def make_environment(
+    config: Environment, folder: Path, _inputs: Any, on_progress: ProgressCallback
+) -> None:
+    """Make a virtual environment, and install the pins with pip."""
+    pins = folder / "pins.txt"
+    pins.write_text(config.pins)
+    _call([sys.executable, "-m", "venv", str(folder / "venv")], folder)
+    on_progress(0.1)
+    _call([str(folder / PYTHON), "-m", "pip", "install", "--quiet", "-r", str(pins)], folder)
+    on_progress(1.0)
+
+
+def train_tabular(
+    arena: Arena,
+    ground: exact.Ground,
+    method: Method,
+    runs: Sequence[Run],
+    served: Mapping[float, Sequence[float]],
+    environment: Path,
+    folder: Path,
+) -> list[dict[float, np.ndarray]]:
+    """Train every run with a script; return its action probabilities by angle."""
+    if method.of_mode:
+        arena, runs = arena.of_each_mode(runs)
+    exchanged = world_arrays(ground)
+    for number, data in enumerate(arena.datasets):
+        for name in ("observation", "action", "next_observation", "ending"):
+            exchanged[f"{name}_{number}"] = getattr(data, name)
+        exchanged[f"starts_{number}"] = data.episode_starts
+    np.savez(folder / TAKEN, allow_pickle=False, **exchanged)
+    requests = [request(arena, method, run, served[run.angle]) for run in runs]
+    (folder / REQUESTS).write_text(json.dumps(requests))
+    script = scripts() / f"{method.peer}_peer.py"
+    _call([str(environment / PYTHON), str(script), str(folder)], folder)
+    with np.load(folder / MADE) as arrays:
+        arena.rates.append(float(arrays["updates_per_second"]))
+        policies = [
+            {
+                angle: checked(arrays[f"policy_{number}_{index}"], ground)
+                for index, angle in enumerate(served[run.angle])
+            }
+            for number, run in enumerate(runs)
+        ]
+    for file in (TAKEN, REQUESTS, MADE):
+        (folder / file).unlink()
+    return policies
+
+
+def request(arena: Arena, method: Method, run: Run, angles: Sequence[float]) -> dict[str, Any]:
+    """Return what a script needs to know of a run that serves these angles, JSON-able."""
+    return {
+        "learner": method.learner,
+        "dataset": run.dataset,
+        "seed": run.seed,
+        "updates": arena.updates,
+        "hidden": list(arena.structure.hidden),
+        "batch_size": arena.structure.batch_size,
+        "discount": arena.numbers.discount,
+        "polyak": arena.numbers.polyak,
+        "weights": [list(exact_weights(angle)) for angle in angles],
+    } | dict(run.setting)
+
+
+def world_arrays(ground: exact.Ground) -> dict[str, np.ndarray]:
+    """Return a gridworld's reachable part as named arrays; a peer needs nothing else of us."""
+    mdp, world = ground.part.mdp, ground.part.world
+    states = np.arange(mdp.n_states)
+    return {
+        "successor": mdp.successor,
+        "probability": mdp.probability,
+        "ending": mdp.ending,
+        "r_env": mdp.rewards.env,
+        "r_social": mdp.rewards.social,
+        "initial": mdp.initial,
+        "observation": np.asarray(ground.part.observe(states, np.zeros_like(states)), np.float32),
+        "horizon": np.array(world.horizon),
+    }
+
+
+def checked(table: np.ndarray, ground: exact.Ground) -> np.ndarray:
+    """Return a peer's table as distributions; `UserError` if it is none of the world."""
+    shape = (ground.part.mdp.n_states, ground.part.mdp.n_actions)
+    chances = np.asarray(table, np.float64)
+    if chances.shape != shape or not np.isfinite(chances).all() or chances.min() < 0.0:
+        raise UserError(
+            f"a peer's policy has shape {chances.shape}: it must be {shape}, none below 0"
+        )
+    return chances / chances.sum(axis=1, keepdims=True)
+
+
+def _call(command: Sequence[str], folder: Path) -> None:
+    """Run a command; raise an error with the end of its output if it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
+    if done.returncode:
+        end = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no output"]
+        raise UserError(f"{Path(command[0]).name} {' '.join(command[1:3])} failed: {end[0]}")

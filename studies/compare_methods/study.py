@@ -4,39 +4,80 @@ Every method of a world has the same updates, environment steps, data sets and n
 choose from, and a network of the same hidden layers.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
 from socialiq.evaluation import exact, rollout
-from socialiq.learners.settings import check_counts
-from socialiq.results_folder import Results, as_csv
+from socialiq.learners.iq_learn import config as presets
+from socialiq.learners.settings import check_counts, check_widths
+from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs, comparison_tables
-from socialiq_lab.comparison import DEVELOPMENT, FRESH, Method
+from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
 from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, matching, mean, nested, paired_row, with_holm
-from studies.compare_methods.learners import LEARNERS
-
-_DECLARED = declaration("compare-methods")
-METHODS = comparison.declared_methods(_DECLARED)
-LABELLED = METHODS | comparison.declared_methods({"method": _DECLARED["retired"]})
-"""The comparison's rows by name, and with them those of other libraries in the committed tables."""
+from studies.compare_methods import intersection, learners
+from studies.compare_methods.intersection import METHODS, SPEED
 
 TOLD = ("labels", "ranks", "rewards", "environment")
 """Inputs beside observations and actions; STUDY.toml explains them."""
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-SPEED = "speed.csv"  # file of a job: updates per second
+FASTER = 3  # factor on the rates of Table C.1, as in `compare priors`
 KEYS = ("world", "method", "setting", "target_angle", "readout")
 READOUT = "greedy"  # action selection by which settings are chosen and methods compared
+
+
+@dataclass(frozen=True)
+class Config:
+    """One budget and the same seeds for every method of a world."""
+
+    worlds: tuple[str, ...] = GRIDWORLDS
+    """Worlds of the comparison; the intersection takes long and is left out if not named."""
+    methods: tuple[str, ...] = tuple(METHODS)  # names of the methods of STUDY.toml
+    angles: tuple[float, ...] = ANGLES  # target angles in degrees
+    development_angles: tuple[float, ...] = (15.0, 45.0, 75.0)
+    """Angles at which settings are chosen; 0 and 90 are those of demonstrators."""
+    development_seeds: tuple[int, ...] = (100,)
+    """Training seeds on which settings are chosen, each with its own data set."""
+    seeds: tuple[int, ...] = (300, 301, 302, 303, 304)
+    """Training seeds of the table, each with its own data set."""
+    updates: int = 2_000
+    """Gradient steps for each target angle in a gridworld, and as many steps in the world; a
+    network that serves several angles has theirs together."""
+    learning_rate: float = FASTER * presets.TABLE_C1_NUMBERS.learning_rate
+    """Of methods whose grid has none."""
+    polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak  # of methods whose grid has none
+    episodes: int = 1000
+    """Evaluation episodes of each policy in the intersection; each training seed has its own."""
+    intersection_updates: int = 1_000
+    """Gradient steps for each target angle in the intersection, and twice as many steps in the
+    world. A GPU affords 5,000, with the next two."""
+    intersection_hidden: tuple[int, ...] = (64, 64)
+    """Hidden layers in the intersection, over a view of the vehicles as a set. The world's own
+    learners have (256, 256)."""
+    intersection_batch: int = 64
+    """Batch in the intersection. The world's own learners have 256."""
+
+    def __post_init__(self) -> None:
+        """Refuse unknown worlds and methods, empty options, seeds used twice, and bad sizes."""
+        comparison.check_choices(self, METHODS)
+        check_counts(self, ("updates", "episodes", "intersection_updates", "intersection_batch"))
+        check_widths(self.intersection_hidden)
+
+    @property
+    def rows(self) -> list[tuple[str, Method]]:
+        """Worlds and the methods that run there."""
+        pairs = itertools.product(self.worlds, map(METHODS.__getitem__, self.methods))
+        return [(world, method) for world, method in pairs if world in method.worlds]
 
 
 def updates_of(method: Method, updates: int) -> int:
@@ -45,41 +86,55 @@ def updates_of(method: Method, updates: int) -> int:
     return updates * len(ANGLES) // shares[method.serves]
 
 
-def jobs(config: Any) -> list[Job]:
-    """Return the jobs of every method at each of its settings."""
-    check_counts(config, ("updates",))
+def jobs(config: Config) -> list[Job]:
+    """Return the jobs of every method at each of its settings, and the peers' environments."""
     return phase_jobs(config, DEVELOPMENT, None)
 
 
-def more_jobs(config: Any, work: Path) -> list[Job]:
+def more_jobs(config: Config, work: Path) -> list[Job]:
     """Return every method's jobs at the setting that the development jobs' folders choose."""
     return phase_jobs(config, FRESH, choose(job_rows(jobs(config), work, DEVELOPMENT)))
 
 
-def phase_jobs(config: Any, phase: str, chosen: Mapping[tuple[str, str], str] | None) -> list[Job]:
-    """Return every method's jobs, at all settings or the chosen ones."""
-    planned = []
-    for world, method in comparison.cells_of(config, METHODS):
+def phase_jobs(
+    config: Config, phase: str, chosen: Mapping[tuple[str, str], str] | None
+) -> list[Job]:
+    """Return every method's jobs, at all settings or the chosen ones, each after its inputs."""
+    libraries = dict.fromkeys(method.peer for _, method in config.rows if method.peer)
+    planned = [learners.environment_job(library) for library in libraries]
+    if intersection.WORLD in config.worlds:
+        planned += intersection.shared_jobs(config, phase)
+    for world, method in config.rows:
         settings = method.settings
         if chosen is not None:
             settings = (method.setting_of(chosen[world, method.name]),)
+        if world not in GRIDWORLDS:
+            updates = updates_of(method, config.intersection_updates)
+            planned += intersection.jobs_of(config, phase, method, updates, settings)
+            continue
         updates = updates_of(method, config.updates)
         runs = GridRuns.of(config, phase, world, method, settings, updates)
+        inputs = (learners.environment_job(method.peer).name,) if method.peer else ()
         count = len(runs.seeds) * len(settings) * len(method.served(runs.angles))
+        cost = count * (8.0 if method.peer else 1.0) + 10.0
         name = f"methods/{world}/{phase}/{method.name}"
-        planned.append(Job(name, run_method, runs, cost=count + 10.0))
+        planned.append(Job(name, run_method, runs, inputs, cost))
     return planned
 
 
 def run_method(
-    config: GridRuns, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: GridRuns, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Train every run and write a row for each policy, angle and action selection."""
     ground, method = exact.Ground.of(config.world), METHODS[config.method]
     arena = config.arena(ground, on_progress)
     served = method.served(config.angles)
     runs = comparison_runs.runs_of(config.settings, served, config.seeds)
-    policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
+    if method.peer:
+        (environment,) = inputs.values()
+        policies = learners.train_tabular(arena, ground, method, runs, served, environment, folder)
+    else:
+        policies = comparison_runs.trained(learners.LEARNERS[method.learner], arena, method, runs)
     rows: list[Row] = []
     for run, policy in zip(runs, policies, strict=True):
         label = {"world": config.world, "method": method.name}
@@ -96,19 +151,23 @@ def choose(rows: Sequence[Row]) -> dict[tuple[str, str], str]:
     return comparison_tables.choose(matching(rows, readout=READOUT), "setting")
 
 
-def compute_tables(config: Any, context: Context) -> Findings:
+def compute_tables(config: Config, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which settings were chosen."""
     planned, work = context.jobs, context.work
     fresh = job_rows(planned, work, FRESH)
     pooled = comparison_tables.means(fresh, KEYS)
     by_method = overall(pooled, job_rows(planned, work, FRESH, SPEED))
-    references = [comparison_tables.references(world, config.angles) for world in config.worlds]
+    gridworlds = [world for world in config.worlds if world in GRIDWORLDS]
+    references = [comparison_tables.references(world, config.angles) for world in gridworlds]
+    on_road = intersection.WORLD in config.worlds
+    demonstrators = from_csv(work / intersection.DEMONSTRATORS / ROWS) if on_road else []
     tables = {
         "policies": fresh,
         "pooled": pooled,
         "overall": by_method,
         "paired": paired(fresh),
         "references": [row for rows in references for row in rows],
+        "demonstrators": demonstrators,
         "development": comparison_tables.means(job_rows(planned, work, DEVELOPMENT), KEYS),
     }
     names = ("setting", "value", "regret", "worst_regret", "steering", "collision", "arrival")
@@ -128,7 +187,7 @@ def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
     by_method = comparison_tables.overall(pooled, keys)
     for row, group in zip(by_method, groups(pooled, *keys).values(), strict=True):
         ends = sorted(group, key=lambda row: row["target_angle"])
-        told = LABELLED[row["method"]].told
+        told = METHODS[row["method"]].told
         speed = measured.get((row["world"], row["method"]), {})
         rows.append(
             row
@@ -163,7 +222,7 @@ def paired(policies: Sequence[Row]) -> list[Row]:
 
 def draw_figures(results: Results) -> dict[str, Figure]:
     """Draw a figure of greedy policies for each world."""
-    labels = {name: method.label for name, method in LABELLED.items()}
+    labels = {name: method.label for name, method in METHODS.items()}
     return {
         world: comparison_tables.angle_figure(results, world, labels, (READOUT,))
         for world in dict.fromkeys(column(results.tables["pooled"], "world"))
@@ -175,18 +234,20 @@ def view(results: Results) -> Sequence[View]:
     views = []
     greedy = matching(results.tables["overall"], readout=READOUT)
     for (world,), by_row in groups(greedy, "world").items():
+        measured = comparison_tables.quantity(results, world)
+        sign = 1.0 if measured == "regret" else -1.0
         pooled = matching(results.tables["pooled"], world=world, readout=READOUT)
         by_method = groups(pooled, "method")
         rows = []
-        for row in sorted(by_row, key=lambda row: row["regret"]):
+        for row in sorted(by_row, key=lambda row: sign * row[measured]):
             of_method = by_method[row["method"],]
-            at_angles = {f"{at['target_angle']:g}°": at["regret"] for at in of_method}
+            at_angles = {f"{at['target_angle']:g}°": at[measured] for at in of_method}
             told = ", ".join(name for name in TOLD if row[name]) or "nothing"
             rows.append(
-                {"method": LABELLED[row["method"]].label, "mean": row["regret"]}
+                {"method": METHODS[row["method"]].label, "mean": row[measured]}
                 | at_angles
                 | {name: row[name] for name in ("steering", "collision", "arrival")}
                 | {"told": told, "updates/s": row["updates_per_second"], "on": row["device"]}
             )
-        views.append(View(rows, f"{world}, greedy: regret by target angle"))
+        views.append(View(rows, f"{world}, greedy: {measured} by target angle"))
     return views

@@ -24,7 +24,7 @@ from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, nested, spread, with_holm
 from studies.mo_gymnasium import tasks, training
 from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece
-from studies.mo_gymnasium.training import DIAL, METHODS, RETIRED, STANDARDISED
+from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Config:
         """Return the finished pieces of the tasks, with their steps; peers' of every seed."""
         folder = Path(self.pieces or packaged_results() / "mo-gymnasium" / FOLDER)
         pieces = tasks.within(tasks.read(folder), {task: self.budget(task) for task in self.tasks})
-        ours = RETIRED if self.again else self.methods
+        ours = () if self.again else self.methods
         return [
             piece
             for piece in pieces
@@ -90,7 +90,7 @@ def jobs(config: Config) -> list[Job]:
     for task in config.tasks:
         for method in config.methods_of(task):
             seeds = tuple(seed for seed in config.seeds if (task, method, seed) not in there)
-            if seeds and method not in RETIRED:
+            if seeds:
                 run = training.Training(task, method, seeds, config.budget(task))
                 name = f"{task}/{as_file_name(method)}"
                 planned.append(Job(name, training.train_and_evaluate, run, cost=float(len(seeds))))

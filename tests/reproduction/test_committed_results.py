@@ -159,10 +159,7 @@ def test_the_ends_of_the_sweep_are_equal(committed):
 
 def test_the_clones_of_the_comparison_are_equal(committed, tmp_path):
     """One of its methods, which all share seeds, data and budget, on one of its seeds."""
-    config, theirs = (
-        find("compare-priors").Config(angles=(0.0, 45.0, 90.0)),
-        committed["compare-priors"],
-    )
+    config, theirs = priors.Config(angles=(0.0, 45.0, 90.0)), committed["compare-priors"]
     config = dataclasses.replace(config, methods=("clone_of_mode",), seeds=config.seeds[:1])
     (job,) = (job for job in priors.more_jobs(config, tmp_path) if "crossing7" in job.name)
     job.work(job.config, tmp_path, {}, lambda _: None)

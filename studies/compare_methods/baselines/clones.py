@@ -18,7 +18,7 @@ weights.
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -116,6 +116,14 @@ class OutcomeConditioned(ConditionedClone):
 
 
 @dataclasses.dataclass(frozen=True)
+class GuidanceConfig(settings.LearnerConfig):
+    """Choices that shape the program."""
+
+    advantage: Literal["advantage", "advantage_fitted"] = "advantage"
+    """V of the advantage: by states that are seen again, or by a fitted network."""
+
+
+@dataclasses.dataclass(frozen=True)
 class GuidanceHyperparameters(settings.LearnerHyperparameters):
     """Numbers of one run, all traced."""
 
@@ -130,13 +138,14 @@ class GuidedCloning(ConditionedClone):
     A condition is (1, o), or (0, 0) of a row that is learned without it.
     """
 
+    StaticConfig: ClassVar[type] = GuidanceConfig
     Hyperparameters: ClassVar[type] = GuidanceHyperparameters
     name: ClassVar[str] = "guidance"
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "GuidedCloning":
         """Make the learner of sets of demonstrations, with their advantages."""
-        table = expert_table.ExpertTable.of(datasets, "advantage", 0.99)
+        table = expert_table.ExpertTable.of(datasets, static.advantage, 0.99)
         return cls(static, (int(datasets[0].observation.shape[1]), datasets[0].n_actions), table)
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:

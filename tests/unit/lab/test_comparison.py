@@ -20,7 +20,7 @@ METHODS = comparison.declared_methods(
         "method": {
             "clone": {"label": "BC", "grid": {"learning_rate": [0.1, 0.3]}, "serves": "all"},
             "of_mode": {"label": "BC of the nearest", "learner": "clone", "serves": "mode"},
-            "rl": {"label": "RL", "soft": False, "told": ["rewards"]},
+            "rl": {"label": "RL", "soft": False, "worlds": ["crossing5"], "told": ["rewards"]},
         }
     }
 )
@@ -31,7 +31,7 @@ def test_a_method_is_declared_by_its_table() -> None:
     assert (clone.learner, of_mode.learner) == ("clone", "clone")
     assert clone.settings == ((("learning_rate", 0.1),), (("learning_rate", 0.3),))
     assert of_mode.of_mode and not clone.of_mode and of_mode.settings == ()
-    assert rl.told == ("rewards",)
+    assert rl.worlds == ("crossing5",) and rl.told == ("rewards",)
     assert (clone.readouts, rl.readouts) == (("greedy", "soft"), ("greedy",))
     assert clone.setting_of("learning_rate 0.3") == clone.settings[1]
 
@@ -95,9 +95,9 @@ def config_of(**changes) -> SimpleNamespace:
     ],
 )
 def test_wrong_choices_are_one_line(changes, line) -> None:
-    assert comparison.cells_of(config_of(), METHODS) == [("crossing5", METHODS["clone"])]
+    comparison.check_choices(config_of(), METHODS)
     with pytest.raises(UserError, match=line):
-        comparison.cells_of(config_of(**changes), METHODS)
+        comparison.check_choices(config_of(**changes), METHODS)
 
 
 def test_phases_have_their_own_seeds_and_angles() -> None:
@@ -178,6 +178,16 @@ def test_means_are_over_seeds_and_their_range_is_of_single_seeds() -> None:
     assert (pooled["regret"], pooled["regret_low"], pooled["regret_high"]) == (1.0, 0.5, 1.5)
     # α̂ is that of the mean totals (1.5, 1).
     assert pooled["angle"] == pytest.approx(np.degrees(np.arctan2(1.0, 1.5)))
+
+
+def test_without_an_optimum_there_is_no_regret() -> None:
+    rows = [row("m", "a", angle, 1, 1.0 + angle, "") for angle in (0.0, 90.0)]
+    pooled = comparison_tables.means(rows, KEYS)
+    assert {one["regret_low"] for one in pooled} == {""}
+    (overall,) = comparison_tables.overall(pooled, ("world", "method"))
+    assert (overall["value"], overall["regret"], overall["worst_regret"]) == (46.0, "", "")
+    results = Results.of("x", iq.IQLearnHyperparameters(), {"pooled": pooled}, {})
+    assert comparison_tables.quantity(results, "w") == "value"
 
 
 def test_the_worst_regret_is_that_of_the_worst_angle() -> None:

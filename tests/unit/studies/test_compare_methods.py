@@ -1,5 +1,8 @@
-"""The comparison of methods: each learner at a tiny size, equal tuning, what is refused."""
+"""The comparison of methods: each learner at a tiny size, equal tuning, the exchange with peers."""
 
+import importlib
+import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,24 +11,31 @@ from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
-from socialiq.evaluation.exact import Ground
+from socialiq.evaluation.exact import Ground, evaluate_exactly
 from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.collect import from_env
 from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import png
+from socialiq.worlds.enumerate import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
-from socialiq_lab import comparison_tables
-from socialiq_lab.comparison import cells_of, product, setting_name
+from socialiq_lab.comparison import product, setting_name
 from socialiq_lab.comparison_runs import Arena, Run, trained
+from socialiq_lab.comparison_tables import chances, rows_of
+from socialiq_lab.intersection.demonstration_sets import (
+    RECORDED_EPISODES,
+    atlas_demonstrations,
+)
+from socialiq_lab.intersection.driving import EpisodesRun
 from socialiq_lab.jobs import fingerprints
 from socialiq_lab.registry import find
-from studies.compare_methods import study
+from socialiq_lab.study import run
+from studies.compare_methods import intersection, learners, study
 from studies.compare_methods.baselines.shared import totals_of
+from studies.compare_methods.intersection import METHODS
 from studies.compare_methods.learners import LEARNERS, best_episodes
-from studies.compare_methods.study import ANGLES, METHODS, TOLD, updates_of
+from studies.compare_methods.study import ANGLES, TOLD, Config, updates_of
 
 STUDY = find("compare-methods")
-Config = STUDY.Config
 
 TINY = Config(
     worlds=("crossing5",),
@@ -59,6 +69,7 @@ QUICK = ("clone", "cql", "outcome_conditioned")
     [
         pytest.param(method.name, marks=[] if method.name in QUICK else pytest.mark.slow)
         for method in METHODS.values()
+        if not method.peer
     ],
 )
 def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> None:
@@ -71,12 +82,13 @@ def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> 
     policies = trained(LEARNERS[method.learner], arena, method, runs)
     assert len(policies) == 2 and len(arena.rates) > before
     for policy, given in zip(policies, runs, strict=True):
-        table = comparison_tables.chances(ground, policy, given.angle, "soft")
+        table = chances(ground, policy, given.angle, "soft")
         np.testing.assert_allclose(table.sum(axis=1), 1.0)
 
 
 def test_every_method_has_as_many_settings_and_a_learner() -> None:
-    assert {method.learner for method in METHODS.values()} == {*LEARNERS}
+    ours = [method for method in METHODS.values() if not method.peer]
+    assert {method.learner for method in ours} == {*LEARNERS}
     for method in METHODS.values():
         assert len({setting_name(one) for one in method.settings}) == 4
         assert {*method.told} <= {*TOLD}
@@ -139,15 +151,167 @@ def test_results_are_over_seeds_and_angles(results, tmp_path: Path) -> None:
 
 
 def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
-    config = Config()
+    config = Config(worlds=("crossing5", "crossing7", "intersection"))
     jobs = study.jobs(config)
     assert len(fingerprints(jobs)) == len(jobs)
     chosen = {
-        (world, method.name): setting_name(method.settings[1])
-        for world, method in cells_of(config, METHODS)
+        (world, method.name): setting_name(method.settings[1]) for world, method in config.rows
     }
     fresh = study.phase_jobs(config, "fresh", chosen)
     assert len(fingerprints(fresh)) == len(fresh)
+    names = [job.name for job in fresh]
+    assert "environments/imitation" in names and "environments/morl" in names
+    peer_names = [method.name for method in METHODS.values() if method.peer]
+    assert not any(name in job for job in names if "intersection" in job for name in peer_names)
+    method = METHODS["clone"]
+    trains, *drives = intersection.jobs_of(config, "fresh", method, 100, method.settings[:1])
+    assert [job.inputs for job in drives] == [(trains.name,)] * len(config.seeds)
+
+
+def test_environments_are_made_only_where_a_method_needs_them() -> None:
+    def environments(**changes) -> list[str]:
+        names = [job.name for job in study.jobs(Config(**changes))]
+        return [name for name in names if name.startswith("environments/")]
+
+    assert environments(worlds=("intersection",)) == []
+    peers_of = environments(worlds=("crossing5",), methods=("gail", "clone"))
+    assert peers_of == ["environments/imitation"]
+
+
+@pytest.mark.slow
+def test_the_intersection_has_values_beside_its_demonstrators(tmp_path: Path) -> None:
+    """A clone of all, which is one policy at every angle, and a method that acts."""
+    config = Config(
+        worlds=("intersection",),
+        methods=("clone", "dial_online"),
+        angles=(0.0, 90.0),
+        development_angles=(45.0,),
+        seeds=(10, 11),
+        episodes=4,
+        intersection_updates=2,
+        intersection_hidden=(4,),
+        intersection_batch=8,
+    )
+    found = run(STUDY, config, work=tmp_path / "work")
+    rows = found.tables["policies"]
+    assert len(rows) == 2 * 2 * 2 and {row["regret"] for row in rows} == {""}
+    for seed in config.seeds:
+        at = {
+            row["target_angle"]: row
+            for row in rows
+            if (row["method"], row["seed"]) == ("clone", seed)
+        }
+        assert at[0.0]["value"] == at[0.0]["r_env"] and at[90.0]["value"] == at[90.0]["r_social"]
+        assert at[0.0]["r_env"] == at[90.0]["r_env"]
+    own = {row["target_angle"]: row for row in found.tables["demonstrators"]}
+    assert own[0.0]["egoistic"] > own[0.0]["altruistic"]
+    assert all(row["device"] for row in found.tables["overall"])
+    (view,) = STUDY.view(found)
+    means = [row["mean"] for row in view.rows]
+    assert means == sorted(means, reverse=True)
+    assert set(STUDY.figures(found)) == {"intersection"}
+
+
+def test_settings_are_chosen_on_other_episodes_than_those_of_the_table() -> None:
+    config = Config(worlds=("intersection",), methods=("clone",))
+    chosen = {("intersection", "clone"): setting_name(METHODS["clone"].settings[0])}
+    seeds = [
+        {seed for job in jobs if isinstance(job.config, EpisodesRun) for seed in job.config.seeds}
+        for jobs in (study.jobs(config), study.phase_jobs(config, "fresh", chosen))
+    ]
+    recorded = atlas_demonstrations(RECORDED_EPISODES).config
+    demonstrated = {*range(recorded.first_seed, recorded.first_seed + 3 * recorded.episodes)}
+    assert (seeds[0] - demonstrated).isdisjoint(seeds[1] - demonstrated)
+
+
+SCRIPT = """
+import json, sys
+from pathlib import Path
+import numpy as np
+folder = Path(sys.argv[1])
+world = np.load(folder / "world.npz")
+made = {}
+for number, one in enumerate(json.loads((folder / "requests.json").read_text())):
+    rows = one["dataset"] * np.ones(len(world["observation"]), int)
+    for place, pair in enumerate(one["weights"]):
+        made[f"policy_{number}_{place}"] = np.eye(world["successor"].shape[1])[rows % 2]
+np.savez(folder / "policies.npz", updates_per_second=7.0, **made)
+"""
+
+
+def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypatch) -> None:
+    """A script that takes action 0 for the first data set and 1 for the second."""
+    (tmp_path / "imitation_peer.py").write_text(SCRIPT)
+    monkeypatch.setattr(learners, "scripts", lambda: tmp_path)
+    monkeypatch.setattr(learners, "PYTHON", Path(sys.executable))
+    ground, method = Ground.of("crossing5"), METHODS["gail"]
+    runs = [Run(0.0, 5, 0, method.settings[0]), Run(0.0, 6, 1, method.settings[0])]
+    served = {0.0: (0.0, 15.0)}
+    policies = learners.train_tabular(
+        arena, ground, method, runs, served, tmp_path / "imitation", tmp_path
+    )
+    assert [policy[15.0].argmax(axis=1)[0] for policy in policies] == [0, 1]
+    assert arena.rates[-1] == 7.0
+    assert [path.name for path in tmp_path.iterdir()] == ["imitation_peer.py"]
+    found = learners.request(arena, method, runs[0], (90.0,))
+    assert json.loads(json.dumps(found))["weights"] == [[0.0, 1.0]]
+    assert found["learning_rate"] == dict(method.settings[0])["learning_rate"]
+    rows = rows_of(ground, method, {"world": "crossing5"}, 5, policies[0], (0.0, 15.0))
+    assert {row["target_angle"] for row in rows} == {0.0, 15.0}
+
+
+def test_a_peer_that_fails_is_told_in_one_line(arena, tmp_path, monkeypatch) -> None:
+    (tmp_path / "imitation_peer.py").write_text("raise ValueError('no such thing')")
+    monkeypatch.setattr(learners, "scripts", lambda: tmp_path)
+    monkeypatch.setattr(learners, "PYTHON", Path(sys.executable))
+    method = METHODS["gail"]
+    given = (arena, Ground.of("crossing5"), method, [Run(0.0, 5, 0, method.settings[0])])
+    with pytest.raises(UserError, match="no such thing") as caught:
+        learners.train_tabular(*given, {0.0: (0.0,)}, tmp_path, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("wrong", [np.ones((3, 2)), -np.ones((15, 2)), np.full((15, 2), np.nan)])
+def test_a_table_of_a_peer_that_is_no_policy_is_refused(wrong) -> None:
+    with pytest.raises(UserError, match="must be"):
+        learners.checked(wrong, Ground.of("crossing5"))
+
+
+def test_the_world_of_a_peer_is_ours() -> None:
+    """Its environment draws the same outcomes: probabilities, endings and rewards are the MDP's."""
+    ground = Ground.of("crossing7")
+    given = learners.world_arrays(ground)
+    np.testing.assert_allclose(given["probability"].sum(axis=2), 1.0)
+    assert given["observation"].shape == (ground.part.mdp.n_states, ground.table.world.n_features)
+    assert int(given["horizon"]) == ground.table.world.horizon
+
+
+@pytest.mark.parametrize("angle", [0.0, 45.0, 90.0])
+def test_the_environment_of_a_peer_gives_the_exact_totals(angle: float, monkeypatch) -> None:
+    """In the 5x5 world nothing is left to chance."""
+    monkeypatch.syspath_prepend(str(learners.scripts()))
+    tabular_env = importlib.import_module("tabular_env")
+    ground = Ground.of("crossing5")
+    policy = expert_policy(ground.table, angle)[ground.table.mdp.reachable()]
+    exact = evaluate_exactly(ground.part, policy)
+    env = tabular_env.TabularEnv(learners.world_arrays(ground), vector=True)
+    env.reset(seed=0)
+    total, over = np.zeros(2), False
+    while not over:
+        _, pair, terminated, truncated, _ = env.step(policy[env.state].argmax())
+        total, over = total + pair, terminated or truncated
+    np.testing.assert_allclose(total, exact.totals, atol=1e-9)
+    assert env.time == exact.length
+
+
+def test_environments_have_pins() -> None:
+    for library in {method.peer for method in METHODS.values() if method.peer}:
+        job = learners.environment_job(library)
+        pins = job.config.pins.splitlines()
+        assert (
+            all("==" in pin for pin in pins)
+            and (learners.scripts() / f"{library}_peer.py").is_file()
+        )
 
 
 @pytest.mark.parametrize(
@@ -158,12 +322,13 @@ def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
         ({"worlds": ("crossing5", "crossing5")}, "named twice"),
         ({"seeds": (100,)}, "seed of development"),
         ({"angles": ()}, "at least one"),
-        ({"updates": 0}, "updates must be at least 1"),
+        ({"intersection_hidden": (0,)}, "at least 1"),
+        ({"intersection_updates": 0}, "intersection_updates"),
     ],
 )
 def test_wrong_configurations_are_refused(change, mend) -> None:
     with pytest.raises(UserError, match=mend):
-        study.jobs(Config(**change))
+        Config(**change)
 
 
 def test_the_best_third_is_that_of_the_angle(arena: Arena) -> None:
@@ -174,6 +339,16 @@ def test_the_best_third_is_that_of_the_angle(arena: Arena) -> None:
         chosen = totals_of(best)[:, rest_total]
         cut = np.sort(totals)[::-1][-(-len(totals) // 3) - 1]
         assert chosen.min() == cut and len(chosen) == (totals >= cut).sum()
+
+
+def test_each_training_seed_is_judged_on_episodes_of_its_own() -> None:
+    config = Config(worlds=("intersection",), methods=("clone",), seeds=(300, 301), episodes=10)
+    chosen = {("intersection", "clone"): setting_name(METHODS["clone"].settings[0])}
+    jobs = study.phase_jobs(config, "fresh", chosen)
+    seeds = [job.config.seeds for job in jobs if isinstance(job.config, intersection.Driving)]
+    assert len(seeds) == 2 and not set(seeds[0]) & set(seeds[1])
+    (reference,) = [job.config for job in jobs if job.name == intersection.DEMONSTRATORS]
+    assert set(reference.seeds) == {*seeds[0], *seeds[1]}
 
 
 def test_a_grid_is_all_combinations() -> None:

@@ -1,5 +1,7 @@
 """The comparison of priors: each method at a tiny size, the choice of λ, the whole run."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -17,10 +19,9 @@ from socialiq_lab.comparison_tables import chances, choose
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.compare_priors import study
-from studies.compare_priors.study import LEARNERS, METHODS, effective_share
+from studies.compare_priors.study import LEARNERS, METHODS, Config, effective_share
 
 STUDY = find("compare-priors")
-Config = STUDY.Config
 
 TINY = Config(
     worlds=("crossing5",),
@@ -211,4 +212,4 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
 )
 def test_a_wrong_configuration_is_refused(changed, line) -> None:
     with pytest.raises(UserError, match=line):
-        study.jobs(Config(**changed))
+        dataclasses.replace(Config(), **changed)

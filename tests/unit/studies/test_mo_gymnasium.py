@@ -14,7 +14,7 @@ from socialiq_lab.registry import find
 from socialiq_lab.study import Context, run
 from studies.mo_gymnasium import study, training
 from studies.mo_gymnasium.study import Config
-from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, read, within
+from studies.mo_gymnasium.tasks import ANGLES, FOLDER, TASKS, Piece, Task, read, within
 from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 STUDY = find("mo-gymnasium")
@@ -74,14 +74,14 @@ def test_a_file_that_is_no_piece_is_named(tmp_path, change):
 def test_what_is_there_is_not_made_again(pieces):
     config = Config(tasks=(TASK,), seeds=(200, 201, 202), pieces=str(pieces))
     jobs = study.jobs(config)
-    assert [job.config.seeds for job in jobs] == [(202,)] * 3
+    assert [job.config.seeds for job in jobs] == [(202,)] * len(METHODS)
     assert study.jobs(dataclasses.replace(config, seeds=(201,))) == []
     again = study.jobs(dataclasses.replace(config, seeds=(201,), again=True))
-    assert len(again) == 3
+    assert len(again) == len(METHODS)
     assert study.jobs(dataclasses.replace(config, train=False)) == []
     # Pieces of another number of steps are those of another comparison.
     other = study.jobs(dataclasses.replace(config, seeds=(201,), steps=500))
-    assert [job.config.steps for job in other] == [500] * 3
+    assert [job.config.steps for job in other] == [500] * len(METHODS)
 
 
 def test_tables_and_files_come_from_the_pieces(pieces):
@@ -219,23 +219,36 @@ def study_row(piece):
 
 @pytest.fixture(name="budgets")
 def stubs_of_learners(monkeypatch):
-    """Learners that note the steps that they are given."""
+    """Learners that note the steps that they are given, and episodes of ten steps."""
     calls = []
 
-    def value_dials(_task, steps, seeds, only=None):
-        calls.append((steps, only))
+    def value_dials(_task, steps, seeds, datasets=(), only=None):
+        calls.append((steps, len(datasets), only))
         return [SimpleNamespace(at=lambda angle: angle) for _ in seeds]
 
+    shown = SimpleNamespace(n_transitions=60)
     monkeypatch.setattr(training, "value_dials", value_dials)
+    monkeypatch.setattr(training, "demonstrations", lambda *_inputs: shown)
+    monkeypatch.setattr(
+        training, "train_trio", lambda _task, _data, seeds: [[1, 2, 3]] * len(seeds)
+    )
+    monkeypatch.setattr(Task, "time_limit", lambda _task: 10)
     return calls
 
 
 @pytest.mark.parametrize(
     ("method", "taken", "calls"),
     [
-        ("dial", 2000, [(2000, None)]),
+        ("dial", 2000, [(2000, 0, None)]),
         # Three experts of 2,050 / 3 steps, in whole rounds of 100.
-        ("experts", 1800, [(600, angle) for angle in (0.0, 45.0, 90.0)]),
+        ("experts", 1800, [(600, 0, angle) for angle in (0.0, 45.0, 90.0)]),
+        # 60 steps are reserved for the episodes, and 60 are taken.
+        ("IQ-Learn trio", 1860, [(600, 0, angle) for angle in (0.0, 45.0, 90.0)]),
+        (
+            "dial from demonstrations",
+            900 + 60 + 1000,
+            [*((300, 0, angle) for angle in (0.0, 45.0, 90.0)), (1000, 2, None)],
+        ),
     ],
 )
 def test_every_method_takes_at_most_the_steps_of_the_task(budgets, method, taken, calls):
@@ -243,12 +256,15 @@ def test_every_method_takes_at_most_the_steps_of_the_task(budgets, method, taken
     policies, steps, settings = training.trained(task, method, (1, 2))
     assert steps == taken <= task.steps and budgets == calls and len(policies) == 2
     assert settings["hidden"] == list(task.hidden) and settings["temperature"] == 0.01
+    expert = 600 if method == "IQ-Learn trio" else 300
+    assert settings.get("steps_of_an_expert", expert) == expert
 
 
-def test_too_few_steps_are_one_line(budgets):
+@pytest.mark.parametrize("method", ["dial from demonstrations", "dial, standardised"])
+def test_too_few_steps_are_one_line(budgets, method):
     task = dataclasses.replace(TASKS["deep-sea-treasure"], steps=150)
     with pytest.raises(UserError, match="150 steps are too few"):
-        training.trained(task, "dial, standardised", (1,))
+        training.trained(task, method, (1,))
     assert budgets == []
 
 

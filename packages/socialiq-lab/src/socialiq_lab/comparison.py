@@ -12,7 +12,9 @@ from socialiq import Demonstrations, UserError
 from socialiq.errors import one_of
 from socialiq.evaluation import exact, rollout
 from socialiq.settings import changed
-from socialiq.worlds.registry import GRIDWORLDS
+
+GRIDWORLDS = ("crossing5", "crossing7")
+WORLDS = (*GRIDWORLDS, "intersection")
 
 DEVELOPMENT, FRESH = "development", "fresh"
 """Phases: settings are chosen in the first, and the table is of the second."""
@@ -45,7 +47,9 @@ class Method:
         serves: What one network serves: an "angle", a "mode" (the nearest demonstrator's), or "all"
             angles.
         of_mode: Whether it learns from the nearest demonstrator's episodes alone.
+        worlds: Where it runs.
         soft: Whether its stochastic policy means something.
+        peer: Library whose learner it is, run in an environment of its own.
     """
 
     name: str
@@ -55,7 +59,9 @@ class Method:
     told: tuple[str, ...] = ()
     serves: str = "angle"
     of_mode: bool = False
+    worlds: tuple[str, ...] = WORLDS
     soft: bool = True
+    peer: str = ""
 
     @property
     def readouts(self) -> tuple[exact.Readout, ...]:
@@ -155,13 +161,13 @@ def check_names(config: Any, **choices: Collection[str]) -> None:
             one_of(field.removesuffix("s"), name, tuple(names))
 
 
-def cells_of(config: Any, methods: Mapping[str, Method]) -> list[tuple[str, Method]]:
-    """Return worlds and methods of a comparison in the order of its table.
+def check_choices(config: Any, methods: Collection[str], worlds: Sequence[str] = WORLDS) -> None:
+    """Refuse unknown worlds and methods, empty settings, and seeds used twice.
 
     Raises:
-        UserError: If a world or method is unknown, a setting empty, or a seed used twice.
+        UserError: The line names what to change.
     """
-    check_names(config, worlds=GRIDWORLDS, methods=methods)
+    check_names(config, worlds=worlds, methods=methods)
     for name, value in vars(config).items():
         if isinstance(value, tuple) and not value:
             raise UserError(f"{name} must name at least one")
@@ -169,7 +175,6 @@ def cells_of(config: Any, methods: Mapping[str, Method]) -> list[tuple[str, Meth
         raise UserError("a world is named twice: name each once")
     if {*config.development_seeds} & {*config.seeds}:
         raise UserError("a seed of development can't be a seed of the table: name others")
-    return list(itertools.product(config.worlds, map(methods.__getitem__, config.methods)))
 
 
 def as_file_name(label: Any) -> str:

@@ -15,13 +15,14 @@ import numpy as np
 from socialiq import Demonstrations
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
+from socialiq.learners.acting import dials, soft
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.collect import Source
+from socialiq.learners.collect import Collector, Source
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.types import Row
+from socialiq.types import Act, Row
 from socialiq_lab.comparison import Method, Setting, nearest_mode, of_modes
 
 
@@ -54,10 +55,11 @@ class Arena:
         numbers: Rates and discounts, as IQ-Learn's hyperparameters.
         updates: Gradient steps of each network, and steps in the world.
         datasets: A mixture for each seed.
-        world: The world, for compiled programs to act in.
+        world: The world, for compiled programs to act in; None where it is not in JAX.
         make_source: Makes experience from outside JAX, of so many steps for each chunk.
         on_report: Progress callback.
         rates: Updates per second, summed over the runs of a program; the learners add to it.
+        advantage: How V of advantages is computed.
         chunk: Updates between two reports, two rounds of acting outside JAX, and two E steps.
     """
 
@@ -69,6 +71,7 @@ class Arena:
     make_source: Callable[[int], Source] | None = None
     on_report: Callable[[Report], None] | None = None
     rates: list[float] = field(default_factory=list)
+    advantage: str = "advantage"
     chunk: int = 200
 
     def callbacks(self) -> Callbacks:
@@ -91,6 +94,18 @@ class Arena:
         """Return experience from outside JAX for a chunk of a run of so many updates."""
         assert self.make_source is not None
         return self.make_source(min(self.chunk, updates) * steps_per_update)
+
+    def collector(self, static: Any, numbers: Sequence[Any]) -> Collector | None:
+        """Return what lets runs act by softmax(Q/τ) outside JAX; None if the world is in JAX."""
+        if self.world is not None:
+            return None
+        source = self.source(static.updates, static.env_steps_per_update)
+        behaviour = soft([run.temperature for run in numbers])
+
+        def by_values(network: Any, run: int, done: int, rng: Any) -> Act:
+            return behaviour(getattr(network, "values", network), run, done, rng)
+
+        return Collector([source] * len(numbers), [run.seed for run in numbers], by_values)
 
     def settings(
         self, config: type[Any], hyperparameters: type[Any], run: Run, **fixed: Any
@@ -159,12 +174,19 @@ def in_programs(
 
 
 def offline(learner: Any, **fixed: Any) -> Learner:
-    """Return the training of a class of learners of demonstrations alone, with `fixed` settings."""
+    """Return the training of a class of learners of demonstrations alone.
+
+    `fixed` are the settings that make the method; an advantage is of the arena's kind.
+    """
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         kinds = learner.StaticConfig, learner.Hyperparameters
+        changes = {
+            name: arena.advantage if value == "advantage" else value
+            for name, value in fixed.items()
+        }
         return in_programs(
-            [arena.settings(*kinds, run, **fixed) for run in runs],
+            [arena.settings(*kinds, run, **changes) for run in runs],
             lambda static, numbers: learner.train_on(
                 static, numbers, arena.datasets, arena.callbacks(), arena.chunk
             ),
@@ -183,7 +205,8 @@ def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
         world = arena.world if acts else None
 
         def program(static: Any, numbers: list[Any]) -> Any:
-            options = arena.callbacks(), arena.chunk
+            collector = arena.collector(static, numbers) if acts else None
+            options = arena.callbacks(), arena.chunk, collector
             if learner is None:
                 return train_iq(static, numbers, arena.datasets, world, *options)
             derived = dataclasses.replace(learner.of(static, arena.datasets), simulator=world)
@@ -226,9 +249,19 @@ def dialled(structure: dial.DialConfig, numbers: dial.DialHyperparameters, *shar
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         def program(static: Any, runs_numbers: list[Any]) -> Any:
+            collector = None
+            if static.online and arena.world is None:
+                source = arena.source(static.updates, static.environments)
+                collector = Collector(
+                    [source] * len(runs_numbers),
+                    [run.seed for run in runs_numbers],
+                    dials(static, runs_numbers),
+                    static.driven_share > 0,
+                )
             world = arena.world if static.online else None
-            options = None, arena.callbacks(), arena.chunk
-            return train_dial(static, runs_numbers, arena.datasets, world, *options)
+            options = {"callbacks": arena.callbacks(), "chunk": arena.chunk}
+            options["before_chunk"] = collector
+            return train_dial(static, runs_numbers, arena.datasets, world, **options)
 
         settings = [dial_settings(arena, structure, numbers, run, shared) for run in runs]
         return in_programs(settings, program)

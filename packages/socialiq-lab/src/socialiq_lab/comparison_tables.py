@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from jaxtyping import Float
-from matplotlib.colors import PowerNorm
+from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
 from socialiq.evaluation import exact
@@ -95,7 +95,14 @@ def job_rows(jobs: Sequence[Job], work: Path, phase: str, file: str = ROWS) -> l
 def chances(
     ground: Ground, policy: Any, angle: float, readout: exact.Readout
 ) -> Float[np.ndarray, "state action"]:
-    """Return action probabilities at an angle in degrees, of a policy or of one with `at`."""
+    """Return action probabilities at an angle in degrees.
+
+    Of a policy, one with `at`, or a table of probabilities by angle.
+    """
+    if isinstance(policy, Mapping):
+        table = policy[angle]
+        greedy = np.eye(table.shape[1])[table.argmax(axis=1)]
+        return greedy if readout == "greedy" else table
     turned = policy.at(angle) if hasattr(policy, "at") else policy
     return exact.action_table(turned, ground.part, readout)
 
@@ -169,7 +176,9 @@ def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) ->
         metrics = exact.mean_of([metrics_of(row) for row in group])
         row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)} | metrics._asdict()
         for name in ("value", "regret"):
-            ends = spread(group, name)
+            ends: Mapping[str, Any] = dict.fromkeys(("mean", "low", "high"), "")
+            if all(one_row[name] != "" for one_row in group):
+                ends = spread(group, name)
             row |= {name: ends["mean"], f"{name}_low": ends["low"], f"{name}_high": ends["high"]}
         pooled.append(row | {name: mean(group, name) for name in also})
     return pooled
@@ -178,16 +187,29 @@ def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) ->
 def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """Return mean J(α), mean regret and worst regret of each method over all target angles.
 
+    Regrets are empty where the optimum is unknown.
+
     Args:
         pooled: Rows of `means`.
         keys: Columns by which rows belong together, without the angle.
     """
-    return [
-        dict(zip(keys, values, strict=True))
-        | {"angles": len(group), "value": mean(group, "value"), "regret": mean(group, "regret")}
-        | {"worst_regret": max(column(group, "regret"))}
-        for values, group in groups(pooled, *keys).items()
-    ]
+    rows = []
+    for values, group in groups(pooled, *keys).items():
+        row = dict(zip(keys, values, strict=True)) | {"angles": len(group)}
+        row["value"] = mean(group, "value")
+        has_regret = group[0]["regret"] != ""
+        row["regret"] = mean(group, "regret") if has_regret else ""
+        rows.append(row | {"worst_regret": max(column(group, "regret")) if has_regret else ""})
+    return rows
+
+
+TITLES = {"regret": "regret J*(α) - J(α)", "value": "mean total J(α)"}
+
+
+def quantity(results: Results, world: str) -> str:
+    """Return the column of a figure: regret where the optimum is known, else the value."""
+    rows = matching(results.tables["pooled"], world=world)
+    return "value" if "" in column(rows, "regret") else "regret"
 
 
 def angle_figure(
@@ -196,7 +218,7 @@ def angle_figure(
     labels: Mapping[str, str],
     readouts: Sequence[str] = READOUTS,
 ) -> Figure:
-    """Draw each method's regret at each angle: the mean over seeds, and the range if it differs.
+    """Draw a field for each method and angle: the mean over seeds, and the range if it differs.
 
     Args:
         results: With a table `pooled` of `means`.
@@ -206,34 +228,42 @@ def angle_figure(
     """
     rows = matching(results.tables["pooled"], world=world)
     rows = [row for row in rows if row["readout"] in readouts]
+    name = quantity(results, world)
     methods = list(dict.fromkeys(column(rows, "method")))
     angles = sorted(set(column(rows, "target_angle")))
     picture = figure(3.4 + 0.75 * len(readouts) * len(angles), 1.4 + 0.42 * len(methods))
     panels = np.ravel(picture.subplots(1, len(readouts), sharey=True, squeeze=False))
-    largest, colors = max(column(rows, "regret")), matplotlib.colormaps["viridis_r"]
-    norm = PowerNorm(0.4, 0.0, max(largest, 1e-6))  # small regrets matter, over orders of magnitude
+    values, colors = column(rows, name), matplotlib.colormaps["viridis"]
+    norm = Normalize(min(values), max(values))
+    if name == "regret":  # small regrets matter, and differ by orders of magnitude
+        norm, colors = PowerNorm(0.4, 0.0, max(max(values), 1e-6)), colors.reversed()
     image: Any = None
     for axes, readout in zip(panels, readouts, strict=True):
         field = np.full((len(methods), len(angles)), np.nan)
         for row in matching(rows, readout=readout):
             down, across = methods.index(row["method"]), angles.index(row["target_angle"])
-            field[down, across] = row["regret"]
-            red, green, blue = colors(norm(row["regret"]))[:3]
+            field[down, across] = row[name]
+            red, green, blue = colors(norm(row[name]))[:3]
             ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 0.5 else "white"
             shape = {"ha": "center", "va": "center", "fontsize": 6, "color": ink}
-            ends = (f"{row[key]:.2f}" for key in ("regret", "regret_low", "regret_high"))
-            text, low, high = ("0" if end in ("0.00", "-0.00") else end for end in ends)
-            if row["regret_high"] - row["regret_low"] >= 0.005:
-                text += f"\n{low} to {high}"
-            axes.text(across, down, text, **shape)
+            axes.text(across, down, _number_and_range(row, name), **shape)
         image = axes.imshow(field, aspect="auto", norm=norm, cmap=colors)
         axes.set_xticks(range(len(angles)), [f"{angle:g}" for angle in angles])
         axes.set_xlabel("target angle (degrees)")
         axes.set_title(readout, fontsize=10)
     panels[0].set_yticks(range(len(methods)), [labels[method] for method in methods])
-    label = "regret J*(α) - J(α) (units of reward)"
+    label = f"{TITLES[name]} (units of reward)"
     bar = picture.colorbar(image, ax=list(panels), label=label, shrink=0.7)
-    bar.set_ticks([tick for tick in (0, 0.1, 0.5, 1, 2, 5, 10, 20) if tick <= largest])
-    title = f"{world}: mean over {rows[0]['seeds']} seeds, below it the range of seeds"
+    if name == "regret":
+        bar.set_ticks([tick for tick in (0, 0.1, 0.5, 1, 2, 5, 10, 20) if tick <= max(values)])
+    seeds = rows[0]["seeds"]
+    title = f"{world}: mean over {seeds} seeds, below it the range of seeds"
     picture.suptitle(title, fontsize=11)
     return picture
+
+
+def _number_and_range(row: Row, name: str) -> str:
+    value, low, high = (f"{row[key]:.2f}" for key in (name, f"{name}_low", f"{name}_high"))
+    value, low, high = ("0" if text in ("0.00", "-0.00") else text for text in (value, low, high))
+    differs = row[f"{name}_high"] - row[f"{name}_low"] >= 0.005
+    return f"{value}\n{low} to {high}" if differs else value

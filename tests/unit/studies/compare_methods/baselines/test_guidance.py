@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 from scipy.special import softmax
 
-from socialiq.learners.settings import LearnerConfig
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from studies.compare_methods.baselines.clones import (
+    GuidanceConfig,
     GuidanceHyperparameters,
     GuidedCloning,
     guided,
@@ -35,7 +35,7 @@ def test_the_guided_network_is_the_product_policy(hidden) -> None:
 def test_actions_no_worse_than_the_mean_are_optimal(bandit) -> None:
     """Of rewards 0 and 1 in one state the mean is 1/2, so o = 1 where the reward is 1."""
     data = bandit([0, 1] * 10, [0.0] * 20, [0.0, 1.0] * 10)
-    learner = GuidedCloning.of(LearnerConfig(batch_size=64), [data])
+    learner = GuidedCloning.of(GuidanceConfig(batch_size=64), [data])
     run = stack([GuidanceHyperparameters(90.0, dropped=0.25)])[0]
     state, carry = learner.initialise(run)
     drawn, _ = learner.draw(run, state, carry)
@@ -54,7 +54,7 @@ def test_more_guidance_is_a_better_policy(bandit) -> None:
     runs = [
         GuidanceHyperparameters(90.0, guidance=one, learning_rate=0.01) for one in (0.0, 0.5, 1.0)
     ]
-    static = LearnerConfig(hidden=(8,), batch_size=32, updates=400)
+    static = GuidanceConfig(hidden=(8,), batch_size=32, updates=400)
     trained = GuidedCloning.train_on(static, runs, [data])
     good = [trained.policy(run).probabilities(data.observation[:1])[0, 1] for run in range(3)]
     assert good[0] == pytest.approx(0.25, abs=0.08)

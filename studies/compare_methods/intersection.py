@@ -1,0 +1,196 @@
+"""The comparison in the intersection: a job trains all runs of a method, others drive episodes.
+
+All runs of a method share one program, or one for each of its static configs, which is what a GPU
+is fast at. Episodes are driven by the compiled core, on as many processes as there are.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from socialiq import QPolicy
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.exact import Metrics
+from socialiq.evaluation.road_training import source_of
+from socialiq.evaluation.rollout import MODES
+from socialiq.learners.iq_learn import config as presets
+from socialiq.results_folder import as_csv, from_csv
+from socialiq.storage import write_atomically
+from socialiq.to_json import rounded
+from socialiq.types import Policy, Row
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Batch
+from socialiq_lab import comparison, comparison_runs
+from socialiq_lab.comparison_tables import ROWS, GridRuns
+from socialiq_lab.intersection import demonstration_sets as recorded
+from socialiq_lab.intersection import driving
+from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.registry import declaration
+from studies.compare_methods.learners import LEARNERS
+
+WORLD = "intersection"
+METHODS = comparison.declared_methods(declaration("compare-methods"))
+"""The comparison's rows by name."""
+
+FIRST_DEVELOPMENT, FIRST_FRESH = 50_000_000, 70_000_000
+"""Seeds of the first episodes on which settings are chosen, and of those of the table."""
+
+SPEED, POLICIES = "speed.csv", "policies.csv"
+"""Files of a training job: updates per second; the file of the policy of each run and angle."""
+
+DEMONSTRATORS = "references/intersection"  # job that drives the demonstrators
+ENVIRONMENTS = 12  # intersections side by side in which a learner acts
+
+
+@dataclasses.dataclass(frozen=True)
+class IntersectionRuns(GridRuns):
+    """Runs with networks of `hidden` layers, at the rates of the world in place of the others."""
+
+    hidden: tuple[int, ...] = (64, 64)
+    batch_size: int = 64
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Driving(driving.EpisodesRun):
+    """Episodes of a method's greedy policies of one setting and seed, at every angle."""
+
+    method: str
+    setting: comparison.Setting
+    seed: int
+    angles: tuple[float, ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DemonstratorsRun(driving.EpisodesRun):
+    """Episodes of the demonstrators of these SHA-256, scored at every angle."""
+
+    angles: tuple[float, ...]
+    sha256: tuple[str, ...]
+
+
+def shared_jobs(config: Any, phase: str) -> Iterator[Job]:
+    """Yield the job that records the demonstrations, and the one that drives the demonstrators."""
+    yield recorded.atlas_demonstrations(recorded.RECORDED_EPISODES)
+    if phase == comparison.FRESH:
+        sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
+        episodes = {"episodes": config.episodes * len(config.seeds), "first_seed": FIRST_FRESH}
+        run = DemonstratorsRun(angles=config.angles, sha256=sha256, **episodes)
+        yield Job(DEMONSTRATORS, drive_demonstrators, run, cost=5.0)
+
+
+def jobs_of(
+    config: Any, phase: str, method: Any, updates: int, settings: tuple[comparison.Setting, ...]
+) -> Iterator[Job]:
+    """Yield the job that trains a method, and one that drives for each setting and seed."""
+    shape = {"hidden": config.intersection_hidden, "batch_size": config.intersection_batch}
+    runs = IntersectionRuns.of(config, phase, WORLD, method, settings, updates, **shape)
+    steps = updates * len(method.served(runs.angles)) * len(settings) * len(runs.seeds)
+    training = f"training/{WORLD}/{phase}/{method.name}"
+    yield Job(training, train_method, runs, (recorded.DEMONSTRATIONS,), 20.0 + steps / 300)
+    first = FIRST_DEVELOPMENT if phase == comparison.DEVELOPMENT else FIRST_FRESH
+    for setting, seed in [(setting, seed) for setting in settings for seed in runs.seeds]:
+        episodes = Driving(
+            method=method.name,
+            setting=setting,
+            seed=seed,
+            angles=runs.angles,
+            episodes=config.episodes,
+            first_seed=first + config.episodes * runs.seeds.index(seed),
+        )
+        number = method.settings.index(setting)
+        name = f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"
+        yield Job(name, drive, episodes, (training,), 1.0 * len(runs.angles))
+
+
+def train_method(
+    config: IntersectionRuns,
+    folder: Path,
+    inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Train every run; write their policies, which file serves which angle, and the speed."""
+    method, (recordings,) = METHODS[config.method], inputs.values()
+    static = presets.INTERSECTION_CALIBRATED
+    steps = config.updates * static.env_steps_per_update
+    arena = comparison_runs.Arena(
+        dataclasses.replace(
+            static,
+            view="set",  # a network that sees vehicles as a set
+            hidden=config.hidden,
+            batch_size=config.batch_size,
+            replay_capacity=min(100_000, steps),
+        ),
+        dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3),
+        config.updates,
+        [
+            recorded.mixture_of(recordings, recorded.MIXTURE, recorded.SIZE, seed)
+            for seed in config.seeds
+        ],
+        None,
+        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // comparison_runs.Arena.chunk)),
+        lambda report: on_progress(0.9 * report.done / report.total),
+        advantage="advantage_fitted",
+    )
+    served = method.served(config.angles)
+    runs = comparison_runs.runs_of(config.settings, served, config.seeds)
+    policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
+    rows: list[Row] = []
+    for number, (run, policy) in enumerate(zip(runs, policies, strict=True)):
+        files: dict[int, str] = {}
+        turned = [policy.at(a) if hasattr(policy, "at") else policy for a in served[run.angle]]
+        for angle, turned_policy in zip(served[run.angle], turned, strict=True):
+            if id(turned_policy) not in files:  # one policy may serve several angles
+                files[id(turned_policy)] = f"{number}_{len(files)}.safetensors"
+                turned_policy.save(folder / files[id(turned_policy)])
+            label = {"setting": comparison.setting_name(run.setting), "seed": run.seed}
+            rows.append(label | {"target_angle": angle, "file": files[id(turned_policy)]})
+    write_atomically(folder / POLICIES, as_csv(rows))
+    write_atomically(folder / SPEED, as_csv([arena.speed_row(WORLD, method, len(runs))]))
+    on_progress(1.0)
+
+
+def drive(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Drive each policy once, and write a row for each angle."""
+    (training,) = inputs.values()
+    label = {
+        "world": WORLD,
+        "method": config.method,
+        "setting": comparison.setting_name(config.setting),
+    }
+    driven: dict[str, Metrics] = {}
+    rows: list[Row] = []
+    for row in from_csv(training / POLICIES):
+        if (row["setting"], row["seed"]) != (label["setting"], config.seed):
+            continue
+        file, angle = str(row["file"]), row["target_angle"]
+        if file not in driven:
+            driven[file] = _driven(config, QPolicy.load(training / file))
+        labels = {"target_angle": angle, "readout": "greedy", "seed": config.seed}
+        value = {"value": driven[file].value(angle), "regret": ""}
+        rows.append(label | labels | driven[file]._asdict() | value)
+        on_progress(len(rows) / len(config.angles))
+    write_atomically(folder / ROWS, as_csv(rounded(rows)))
+
+
+def _driven(config: driving.EpisodesRun, policy: Policy) -> Metrics:
+    return episodes_of(Batch(config.options, driving.BATCH), policy, config.seeds).metrics()
+
+
+def drive_demonstrators(
+    config: DemonstratorsRun,
+    folder: Path,
+    _inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Write J(α) of each demonstrator at every angle."""
+    rows: list[Row] = [{"world": WORLD, "target_angle": angle} for angle in config.angles]
+    for number, mode in enumerate(MODES, start=1):
+        metrics = _driven(config, atlas.load(f"expert_{mode}"))
+        for row in rows:
+            row[mode] = metrics.value(row["target_angle"])
+        on_progress(number / len(MODES))
+    write_atomically(folder / ROWS, as_csv(rounded(rows)))
