@@ -44,6 +44,17 @@ def test_claims_about_social_impact_have_the_second_measure(rows):
     for row in judged:
         assert row["caused"], row["id"]
         assert row["verdict_caused"] in ("reproduced", "partly", "not"), row["id"]
+    by_id = {row["id"]: row["verdict_caused"] for row in rows}
+    caused = claims.Summaries(packaged_results())
+    delays = [
+        caused.at("caused-effects", f"expert_{mode}.delay")
+        for mode in ("egoistic", "prosocial", "altruistic")
+    ]
+    falls = delays[0] > delays[1] > delays[2]
+    assert by_id["a.2-ego-centric-monotone"] == ("reproduced" if falls else "not")
+    zone = caused.at("influence-zone", "zones.intersection")
+    wide = min(zone["recall_hand"], zone["precision_hand"]) > 0.5
+    assert by_id["5.1.3-influence-zone"] == ("reproduced" if wide else "not")
 
 
 def test_numeric_verdicts_follow_from_the_numbers(rows):
@@ -116,7 +127,7 @@ def test_every_tested_claim_of_one_number_states_our_number(rows):
 def test_our_numbers_are_never_typed():
     text = importlib.resources.files("socialiq_lab").joinpath("claims.toml").read_text()
     for claim in tomllib.loads(text)["claim"]:
-        callbacks = claims._PLACE.sub("", claim.get("ours", "") + claim.get("caused", ""))
+        callbacks = claims._PLACE.sub("", claim.get("ours", "") + " " + claim.get("caused", ""))
         assert "." not in "".join(
             callbacks[i - 1 : i + 2]
             for i in range(1, len(callbacks) - 1)
