@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
+from socialiq.demonstrations import files
 from socialiq.evaluation import road_training
-from socialiq.evaluation.effects import Effects, expected_delay, measure
-from socialiq.evaluation.rollout import MODES
+from socialiq.evaluation.effects import SIDE_BY_SIDE, Effects, expected_delay, measure
+from socialiq.evaluation.rollout import MODES, record
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
@@ -23,6 +25,7 @@ from socialiq.storage import packaged_results
 from socialiq.types import Ending, RewardPair, Row
 from socialiq.worlds.enumerate import expert_policy, tabulate
 from socialiq.worlds.highway.effects import EffectOptions
+from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
@@ -30,12 +33,14 @@ from socialiq_lab.intersection.driving import DIAL
 from socialiq_lab.intersection.training import (
     Checks,
     DialIterationRun,
+    MixtureRuns,
     train_dial_by_iteration,
+    train_runs,
 )
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 
-CAUSED, EQ_4_2 = "caused", "eq_4_2"
+CAUSED, EQ_4_2, OFFLINE = "caused", "eq_4_2", "offline"
 SHIPPED = {"start": "timed.safetensors", EQ_4_2: "iterated.safetensors"}
 """Dials of the study intersection-dial: the one that both begin with, and that of Eq 4.2."""
 MEANS = (
@@ -63,6 +68,11 @@ class Config:
     episodes: int = 1000  # of each block
     blocks: tuple[int, ...] = (96_000_000, 97_000_000, 98_000_000, 99_000_000)
     """First seeds of the blocks of evaluation episodes."""
+    offline_seeds: tuple[int, ...] = (411, 412, 413, 414, 415)
+    """Training seeds of dials that learn from the experts' demonstrations alone."""
+    offline_updates: int = 5000
+    demonstrated: int = 3000  # episodes of each expert
+    size: int = 15_000  # transitions of each expert in a mixture
     drivers: tuple[str, ...] = (
         "expert_egoistic", "expert_prosocial", "expert_altruistic",
         "egoistic", "prosocial", "altruistic", "baseline", "go", "wait", "gap_3s",
@@ -72,7 +82,8 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse empty sizes."""
-        check_counts(self, ("updates", "episodes"))
+        counts = "updates", "episodes", "offline_updates", "demonstrated", "size"
+        check_counts(self, counts)
 
     @property
     def episode_seeds(self) -> tuple[int, ...]:
@@ -85,6 +96,15 @@ class Shipped:
     """Configuration of a dial of the committed results."""
 
     file: str
+
+
+@dataclass(frozen=True)
+class Demonstrating:
+    """Configuration of the experts' demonstrations, whose r_social is what they cause."""
+
+    episodes: int
+    effects: EffectOptions
+    first_seed: int = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -113,12 +133,26 @@ def copy_shipped(
     (folder / DIAL).write_bytes(content)
 
 
+def demonstrate(
+    config: Demonstrating, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the transitions of each expert of the atlas, in episodes of its own."""
+    world = Intersection(Options(), config.effects)
+    for number, mode in enumerate(MODES):
+        seeds = config.first_seed + number * config.episodes + np.arange(config.episodes)
+        expert = atlas.load(f"expert_{mode}")
+        source = {"world": world.description, "expert": expert.provenance}
+        recorded = record(world.batch(SIDE_BY_SIDE), expert, seeds, mode, source)
+        files.save(folder / f"{mode}.safetensors", recorded.transitions)
+        on_progress((number + 1) / len(MODES))
+
+
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
     """Drive a dial at each angle; write (episode, measure) arrays."""
     (trained,) = inputs.values()
-    dial = DialPolicy.load(trained / DIAL)
+    dial = DialPolicy.load(next(trained.rglob(DIAL)))
     world = Intersection(Options(), config.effects)
     for angle in config.angles:
         np.save(folder / f"{angle:g}.npy", measured(measure(world, dial.at(angle), config.seeds)))
@@ -170,6 +204,18 @@ def jobs(config: Config) -> list[Job]:
         )
         inputs = ("dials/start",)
         listed.append(Job(f"training/{seed}", train_dial_by_iteration, run, inputs, 600.0))
+    demonstrating = Demonstrating(config.demonstrated, config.effects)
+    listed.append(Job("demonstrations/experts", demonstrate, demonstrating, (), 60.0))
+    offline_dial = OfflineDialConfig(updates=config.offline_updates)
+    for seed in config.offline_seeds:
+        mixture = MixtureRuns(
+            structure=offline_dial,
+            numbers=OfflineDialHyperparameters(),
+            seeds=(seed,),
+            size=config.size,
+        )
+        inputs = ("demonstrations/experts",)
+        listed.append(Job(f"offline/{seed}", train_runs, mixture, inputs, 100.0))
     driving = Driving(config.angles, config.episode_seeds, config.effects)
     for name, inputs in _dials(config):
         listed.append(Job(f"driving/{name}", drive, driving, (inputs,), 300.0))
@@ -182,6 +228,7 @@ def jobs(config: Config) -> list[Job]:
 def _dials(config: Config) -> list[tuple[str, str]]:
     """Return the name of each dial that drives, and of the job that makes it."""
     trained = [(f"{CAUSED} {seed}", f"training/{seed}") for seed in config.seeds]
+    trained += [(f"{OFFLINE} {seed}", f"offline/{seed}") for seed in config.offline_seeds]
     return [(EQ_4_2, f"dials/{EQ_4_2}"), *trained]
 
 
@@ -195,7 +242,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
         for name, _ in _dials(config)
     }
     trained = [driven[f"{CAUSED} {seed}"] for seed in config.seeds]
-    dials = {CAUSED: trained, EQ_4_2: [driven[EQ_4_2]]}
+    offline = [driven[f"{OFFLINE} {seed}"] for seed in config.offline_seeds]
+    dials = {CAUSED: trained, OFFLINE: offline, EQ_4_2: [driven[EQ_4_2]]}
     rows = [
         {"dial": dial, "angle": angle} | measured_row([run[angle] for run in runs])
         for dial, runs in dials.items()
