@@ -63,6 +63,16 @@ def test_a_link_restores_what_is_shown(tab, address):
     assert tab.inner_text("#clock") == "7.0 s" and tab.input_value("#seed") == "86"
 
 
+def test_the_dial_of_what_it_causes_drives_where_that_of_eq_4_2_stands(tab, address):
+    go(tab, address, "#seed=12&angles=90&step=300")
+    assert said_at(tab, 0).startswith("is still waiting")
+    with tab.expect_navigation(wait_until="commit"):
+        tab.select_option("#rewarded", label="what it causes")
+    tab.wait_for_selector("html[data-ready]", state="attached")
+    assert tab.input_value("#rewarded") == "1"
+    assert said_at(tab, 0).startswith("arrives after")
+
+
 def test_a_wrong_link_or_seed_does_no_harm(tab, address):
     go(tab, address, "#seed=-3&angles=0,400&step=x&view=none")
     assert tab.input_value("#seed") == "12" and tab.locator("#stages canvas").count() == 3

@@ -12,12 +12,13 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.data import FAMILY, SEED, STUDY, measured, shipped_dial
+from socialiq.page.data import CAUSED_STUDY, FAMILY, SEED, STUDY, measured, shipped_dial
 from socialiq.page.webassembly.layout import CORE
 from socialiq.page.write import ASSETS, page, program
 from socialiq.storage import packaged_results
 
 DIAL = packaged_results() / STUDY / f"{FAMILY}.safetensors"
+CAUSED_DIAL = packaged_results() / CAUSED_STUDY / "dial.safetensors"
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +38,9 @@ def test_its_policy_names_its_program_and_its_styles_and_allows_no_request(text)
         assert f"'sha256-{base64.b64encode(digest).decode()}'" in policy
 
 
-def test_it_is_below_a_megabyte_and_names_no_other_place(text):
-    assert len(text.encode()) < 1_000_000
+def test_it_is_small_beside_its_two_dials_and_names_no_other_place(text):
+    dials = sum(4 * len(path.read_bytes()) / 3 for path in (DIAL, CAUSED_DIAL))
+    assert len(text.encode()) < 300_000 + dials
     assert not re.search(r'(src|href)="', text)
     assert not re.findall(r"https?://(?!www\.w3\.org/2000/svg)", text)
 
@@ -46,7 +48,9 @@ def test_it_is_below_a_megabyte_and_names_no_other_place(text):
 def test_its_data_are_the_core_the_dial_and_the_curve(text):
     data = json.loads(part(text, '<script type="application/json" id="data">', "</script>"))
     assert base64.b64decode(data["core"]) == CORE.read_bytes()
-    assert base64.b64decode(data["dial"]) == DIAL.read_bytes()
+    files = [base64.b64decode(dial["dial"]) for dial in data["dials"]]
+    assert files == [DIAL.read_bytes(), CAUSED_DIAL.read_bytes()]
+    assert [len(dial["curve"]) for dial in data["dials"]] == [19, 7]
     assert len(data["layout"]["lanes"]) == 20
 
 
@@ -86,8 +90,9 @@ def test_a_dial_of_ones_own_turns_in_its_range_with_a_curve_of_its_own(
     assert main(words) == 0
     written = (tmp_path / "site" / "index.html").read_text()
     data = json.loads(part(written, '<script type="application/json" id="data">', "</script>"))
-    assert data["range"] == [8, 21]
-    assert [point["asked"] for point in data["curve"]] == [8.0, 10.0, 15.0, 20.0, 21.0]
+    (dial,) = data["dials"]
+    assert dial["range"] == [8, 21]
+    assert [point["asked"] for point in dial["curve"]] == [8.0, 10.0, 15.0, 20.0, 21.0]
     assert "own &amp; mine.safetensors" in written and "seeds 1 to 10" in written
     assert main(words) == 2 and "exists already" in capsys.readouterr().err
 

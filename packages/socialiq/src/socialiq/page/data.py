@@ -107,6 +107,9 @@ def _corner(attainable: AttainableSet, number: int, table: Table) -> dict[str, A
 STUDY = "intersection-dial-clock"
 """Folder of the results with the page's dial: the dials that observe the time."""
 
+CAUSED_STUDY = "caused-effects"
+"""Folder of the results with the dial that is rewarded for what it causes."""
+
 FAMILY, SEED = "iterated", 60
 """Dials improved by policy iteration; the training seed of the one beside the tables."""
 
@@ -132,9 +135,11 @@ class Point(NamedTuple):
 class PageDial:
     """A dial: its file, the whole angles that the page turns to, its trade-off curve, its source.
 
-    The source is plain text: sentences on where the dial and its curve come from.
+    The name says what it was rewarded for. The source is plain text: sentences on where the dial
+    and its curve come from.
     """
 
+    name: str
     file: bytes
     low: int
     high: int
@@ -165,7 +170,31 @@ def shipped_dial() -> PageDial:
         "intersection-dial makes both again, with the options in the documentation."
     )
     file = (folder / f"{FAMILY}.safetensors").read_bytes()
-    return PageDial(file, 0, 90, tuple(sorted(points)), source)
+    return PageDial("what happens near it", file, 0, 90, tuple(sorted(points)), source)
+
+
+def caused_dial() -> PageDial:
+    """Return the dial of the committed study of effects, with the means of its five trainings.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
+    folder = packaged_results() / CAUSED_STUDY
+    with open_csv(folder / "effects.csv") as text:
+        rows = [row for row in csv.DictReader(text) if row["dial"] == "caused"]
+    points = [
+        Point(float(row["angle"]), *(
+            (float(row[name]), float(row[f"{name}_low"]), float(row[f"{name}_high"]))
+            for name in ("r_env", "r_eq_4_2")
+        ))
+        for row in rows
+    ]  # fmt: skip
+    source = (
+        "The dial of what it causes is the first of five trainings of the study "
+        f"{CAUSED_STUDY}. Its curve is the mean of the five, on 4,000 episodes at each angle."
+    )
+    file = (folder / "dial.safetensors").read_bytes()
+    return PageDial("what it causes", file, 0, 90, tuple(sorted(points)), source)
 
 
 def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, float, float]:
@@ -198,7 +227,8 @@ def own_dial(path: Path) -> PageDial:
         f"The dial is {path.name}, SHA-256 {dial.turned.sha256}. Its curve was measured when this "
         f"page was written: {EPISODES} episodes at each angle, seeds 1 to {EPISODES}."
     )
-    return PageDial(read_bytes(path, _MOST), low, high, measured(dial, low, high), source)
+    file, curve = read_bytes(path, _MOST), measured(dial, low, high)
+    return PageDial(path.stem, file, low, high, curve, source)
 
 
 def measured(dial: DialPolicy, low: int, high: int, episodes: int = EPISODES) -> tuple[Point, ...]:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from socialiq.page.data import PageDial, crossing, shipped_dial
+from socialiq.page.data import PageDial, caused_dial, crossing, shipped_dial
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, read_json, write_atomically
 from socialiq.worlds.intersection.options import Options
@@ -51,14 +51,13 @@ def core(options: Options) -> dict[str, Any]:
     return {"layout": layout(options), "core": base64.b64encode(CORE.read_bytes()).decode()}
 
 
-def content(dial: PageDial) -> dict[str, Any]:
-    """Return the page's data, JSON-compatible."""
+def of_dial(dial: PageDial) -> dict[str, Any]:
+    """Return what a page needs to turn a dial, JSON-compatible."""
     return {
-        **core(Options()),
+        "name": dial.name,
         "dial": base64.b64encode(dial.file).decode(),
         "range": [dial.low, dial.high],
         "curve": [point._asdict() for point in dial.curve],
-        "crossing": crossing(),
     }
 
 
@@ -66,15 +65,16 @@ FILE = "index.html"
 
 
 def page(dial: PageDial | None = None) -> str:
-    """Return the page's HTML, which turns a dial, by default the shipped one.
+    """Return the page's HTML, which turns a dial, by default the shipped ones, of both rewards.
 
     It makes no request; its program and its styles are named by hash.
 
     Raises:
         UserError: If the package was installed without the committed results.
     """
-    dial = dial or shipped_dial()
+    dials = [dial] if dial else [shipped_dial(), caused_dial()]
     counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
+    data = {**core(Options()), "dials": [of_dial(dial) for dial in dials], "crossing": crossing()}
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
     allowed = policy(script, style)
     blocks = {
@@ -83,8 +83,8 @@ def page(dial: PageDial | None = None) -> str:
         "style": style,
         **{name: f"{count:,}" for name, count in counts.items()},
         "close_states": f"{counts['close_states'] / counts['observations']:.1%}",
-        "source": html.escape(dial.source),
-        "data": embedded(content(dial)),
+        "source": html.escape(" ".join(dial.source for dial in dials)),
+        "data": embedded(data),
         "program": script,
     }
     header, end, body = (ASSETS / "index.html").read_text(encoding="utf-8").partition("</header>\n")
@@ -126,7 +126,7 @@ def embedded(data: Mapping[str, Any]) -> str:
 
 
 def write_page(folder: Path, dial: PageDial | None = None) -> Path:
-    """Write the page of a dial, by default of the shipped one, into a folder; return its path.
+    """Write the page of a dial, by default of the shipped ones, into a folder; return its path.
 
     Raises:
         UserError: If it can't be written, or the committed results did not come with the package.

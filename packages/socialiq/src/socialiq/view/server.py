@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.page.data import shipped_dial
-from socialiq.page.write import ASSETS, content, core, embedded, framed, page, policy, program
+from socialiq.page.write import ASSETS, core, embedded, framed, of_dial, page, policy, program
 from socialiq.view import Decide, View
 
 ADDRESS = "127.0.0.1"
@@ -126,7 +126,7 @@ def front(view: View, socket_address: str) -> Front:
         "title": html.escape(view.title),
         "lead": html.escape(view.lead),
         "controls": _asset("controls.html"),
-        "data": embedded({**content(shipped_dial()), **core(view.options), "shown": about}),
+        "data": embedded({**of_dial(shipped_dial()), **core(view.options), "shown": about}),
         "program": script,
     }
     text = framed(_asset("opened.html"), _asset(f"{view.kind}.html") + "\n", blocks)

@@ -1,9 +1,9 @@
 // Everything shown, in the address after #, so that a link restores it.
 
-const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90] };
+const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90], dial: [0, 1] };
 const WORDS = { view: ["side", "ghosts"], tab: ["turn", "drive", "grid", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
 
-export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1", grid: 45 };
+export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1", grid: 45, dial: 0 };
 
 /** Return the text after # for a state. */
 export function writeAddress(state) {
@@ -15,9 +15,9 @@ export function writeAddress(state) {
  * Return the state of a text after #; what is missing or wrong is as at first.
  *
  * @param {string} text The text.
- * @param {number[]} range Smallest and largest angle of the dial.
+ * @param {number[][]} ranges Smallest and largest angle of each dial.
  */
-export function readAddress(text, [low, high] = [0, 90]) {
+export function readAddress(text, ranges = [[0, 90]]) {
   const given = new URLSearchParams(text.replace(/^#/, ""));
   const state = { ...FIRST, angles: [...FIRST.angles] };
   for (const [name, [least, most]] of Object.entries(WHOLE)) {
@@ -28,6 +28,8 @@ export function readAddress(text, [low, high] = [0, 90]) {
   const angles = (given.get("angles") ?? "").split(",").filter((one) => one.trim() !== "").map(Number);
   const right = angles.every((angle) => Number.isInteger(angle) && angle >= 0 && angle <= 90);
   if (right && angles.length >= 1 && angles.length <= 3) state.angles = angles;
+  if (state.dial >= ranges.length) state.dial = FIRST.dial;
+  const [low, high] = ranges[state.dial];
   state.angles = state.angles.map((angle) => Math.min(Math.max(angle, low), high));
   state.chosen = Math.min(state.chosen, state.angles.length - 1);
   return state;

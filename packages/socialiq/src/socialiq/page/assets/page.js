@@ -104,6 +104,14 @@ function keyOf(event, twins) {
   return !onButton;
 }
 
+/** Offer the dials by what they were rewarded for; the page opens again with the one that is chosen. */
+function offer(dials, state) {
+  const select = document.getElementById("rewarded");
+  select.replaceChildren(...dials.map(({ name }, number) => new Option(name, number, false, number === state.dial)));
+  select.parentElement.hidden = dials.length < 2;
+  select.addEventListener("change", () => { window.location.hash = writeAddress({ ...state, dial: Number(select.value) }); });
+}
+
 function fail(message) {
   const line = document.getElementById("fault");
   line.textContent = message;
@@ -118,15 +126,18 @@ function start() {
   }
   try {
     const data = JSON.parse(document.getElementById("data").textContent);
-    const { dial } = open(data, 1);
+    const state = readAddress(window.location.hash, data.dials.map(({ range }) => range));
+    const chosen = data.dials[state.dial];
+    const shared = { core: data.core, layout: data.layout, dial: chosen.dial };
+    const { dial } = open(shared, 1);
     const module = new WebAssembly.Module(bytesOf(data.core));
     const recorder = () => new Recorder(new Core(module, data.layout, 1, true));
-    const state = readAddress(window.location.hash, data.range);
     if (!window.location.hash && window.innerWidth < NARROW) state.view = "ghosts";
     const parts = {
-      layout: data.layout, dial, range: data.range, curve: data.curve,
-      background: workerOf({ core: data.core, layout: data.layout, dial: data.dial }), colours: coloursOf(),
+      layout: data.layout, dial, range: chosen.range, curve: chosen.curve,
+      background: workerOf(shared), colours: coloursOf(),
     };
+    offer(data.dials, state);
     showTab(state.tab, state);
     const twins = new Twins({ ...parts, recorder: recorder() }, state);
     const driving = new Driving({ ...parts, recorder: recorder() }, state);
