@@ -8,6 +8,8 @@ commonroad-io needs an environment of its own; SOCIALIQ_COMMONROAD_PYTHON names 
 
 from __future__ import annotations
 
+import csv
+import io
 import itertools
 import json
 import os
@@ -16,17 +18,20 @@ import subprocess
 import tempfile
 import time
 import tracemalloc
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from socialiq.errors import UserError, one_of
+from socialiq.storage import write_atomically
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.measures import rows_of
-from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.export import write_commonroad
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.readers.column_map import read_map
-from socialiq_recordings.recording import Recording, Tracks
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
 from socialiq_recordings.road.routes import Scene
 
@@ -198,3 +203,119 @@ def _peak(name: str, path: Path) -> int:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak
+
+
+FOOT = 0.3048  # length of a foot in m, exact by definition
+_NGSIM_CLASSES = {RoadUser.MOTORCYCLE: 1, RoadUser.CAR: 2, RoadUser.TRUCK: 3, RoadUser.BUS: 3}
+_INTERACTION_CLASSES = {RoadUser.PEDESTRIAN: "pedestrian/bicycle", RoadUser.BICYCLE: "bicycle"}
+
+_Columns = Mapping[str, Iterable[object]]
+
+
+def write_csv(tracks: Tracks, layout: str, folder: Path) -> Path:
+    """Write tracks as the files of a data set; the column map of the same name reads them.
+
+    Layouts: `ind` (three files), `interaction` and `ngsim` (10 Hz only; ngsim has no heading, no
+    pedestrians and no bicycles, and calls a bus a truck). The folder must exist.
+
+    Returns:
+        The file with the states, the argument of an import.
+
+    Raises:
+        UserError: If the layout can't hold the tracks, or a file can't be written.
+    """
+    one_of("layout", layout, tuple(_LAYOUTS))
+    name = "".join(
+        character if character.isalnum() or character in "-._" else "-"
+        for character in tracks.recording
+    )
+    if layout != "ind" and abs(tracks.dt - 0.1) > 1e-9:
+        raise UserError(f"the {layout} layout has 10 frames a second, not {1 / tracks.dt:g}")
+    files = _LAYOUTS[layout](tracks, [RoadUser(int(kind)) for kind in tracks.road_user])
+    paths = [folder / pattern.format(name) for pattern in files]
+    for path, columns in zip(paths, files.values(), strict=True):
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        lists = (c.tolist() if isinstance(c, np.ndarray) else c for c in columns.values())
+        writer.writerows(zip(*lists, strict=True))
+        write_atomically(path, text.getvalue())
+    return paths[0]
+
+
+def _ind(tracks: Tracks, kinds: list[RoadUser]) -> dict[str, _Columns]:
+    starts, track = tracks.starts, tracks.track
+    first, last = tracks.frame[starts[:-1]], tracks.frame[starts[1:] - 1]
+    words = ["trailer" if kind == RoadUser.OTHER else kind.name.lower() for kind in kinds]
+    states = {
+        "recordingId": [0] * tracks.n_states,
+        "trackId": tracks.identity[track],
+        "frame": tracks.frame,
+        "trackLifetime": np.arange(tracks.n_states) - starts[track],
+        "xCenter": tracks.x,
+        "yCenter": tracks.y,
+        "heading": np.degrees(tracks.heading) % 360,
+        "width": tracks.width[track],
+        "length": tracks.length[track],
+        "xVelocity": tracks.vx,
+        "yVelocity": tracks.vy,
+    }
+    users = {
+        "recordingId": [0] * tracks.n_tracks,
+        "trackId": tracks.identity,
+        "initialFrame": first,
+        "finalFrame": last,
+        "numFrames": last - first + 1,
+        "width": tracks.width,
+        "length": tracks.length,
+        "class": words,
+    }
+    rate = {"recordingId": [0], "frameRate": [1 / tracks.dt]}
+    names = "{}_tracks.csv", "{}_tracksMeta.csv", "{}_recordingMeta.csv"
+    return dict(zip(names, (states, users, rate), strict=True))
+
+
+def _interaction(tracks: Tracks, kinds: list[RoadUser]) -> dict[str, _Columns]:
+    words = [_INTERACTION_CLASSES.get(kind, kind.name.lower()) for kind in kinds]
+    states = {
+        "track_id": tracks.identity[tracks.track],
+        "frame_id": tracks.frame,
+        "timestamp_ms": tracks.frame.astype(np.int64) * 100,
+        "agent_type": [words[number] for number in tracks.track],
+        "x": tracks.x,
+        "y": tracks.y,
+        "vx": tracks.vx,
+        "vy": tracks.vy,
+        "psi_rad": tracks.heading,
+        "length": tracks.length[tracks.track],
+        "width": tracks.width[tracks.track],
+    }
+    return {"vehicle_tracks_{}.csv": states}
+
+
+def _ngsim(tracks: Tracks, kinds: list[RoadUser]) -> dict[str, _Columns]:
+    absent = next((kind for kind in kinds if kind not in _NGSIM_CLASSES), None)
+    if absent is not None:
+        raise UserError(f"the ngsim layout has no class for {absent.name}: leave such tracks out")
+    track, half = tracks.track, tracks.length[tracks.track] / 2
+    states = {
+        "Vehicle_ID": tracks.identity[track],
+        "Frame_ID": tracks.frame,
+        "Total_Frames": np.diff(tracks.starts)[track],
+        "Global_Time": tracks.frame.astype(np.int64) * 100,
+        "Local_X": (tracks.x + half * np.cos(tracks.heading)) / FOOT,
+        "Local_Y": (tracks.y + half * np.sin(tracks.heading)) / FOOT,
+        "v_Length": tracks.length[track] / FOOT,
+        "v_Width": tracks.width[track] / FOOT,
+        "v_Vel": np.hypot(tracks.vx, tracks.vy) / FOOT,
+        "v_Class": [_NGSIM_CLASSES[kinds[number]] for number in track],
+        "Location": [tracks.recording] * tracks.n_states,
+    }
+    return {"{}.csv": states}
+
+
+_LAYOUTS: dict[str, Callable[[Tracks, list[RoadUser]], dict[str, _Columns]]] = {
+    "ind": _ind,
+    "interaction": _interaction,
+    "ngsim": _ngsim,
+}

@@ -12,6 +12,8 @@ import pytest
 
 pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
+from benchmarks.recordings import write_csv
+
 from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
@@ -19,7 +21,7 @@ from socialiq.worlds.intersection.core.geometry import LEFT, RIGHT, STRAIGHT
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq_recordings import files, simulated
-from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.export import write_commonroad
 from socialiq_recordings.readers.column_map import read_map
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.readers.commonroad_road import road_of

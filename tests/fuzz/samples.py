@@ -14,6 +14,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from benchmarks.recordings import write_csv
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
@@ -36,7 +37,7 @@ from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.situation import ContextPolicy
 from socialiq_recordings import files as recording_files
-from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.export import write_commonroad
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Colour, Cycle, RoadNetwork, Sign
 

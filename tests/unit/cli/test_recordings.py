@@ -5,10 +5,10 @@ import json
 from pathlib import Path
 
 import pytest
+from benchmarks.recordings import write_csv
 
 from socialiq.cli.main import main
 from socialiq_recordings import files
-from socialiq_recordings.export import write_csv
 
 EXAMPLES = sorted((Path(__file__).parents[3] / "examples" / "recordings").glob("*.xml"))
 

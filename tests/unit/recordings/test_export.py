@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.recordings import write_csv
 
 from socialiq.errors import UserError
-from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.export import write_commonroad
 from socialiq_recordings.readers.column_map import read_map
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.readers.csv_recording import read_csv
