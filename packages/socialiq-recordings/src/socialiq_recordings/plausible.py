@@ -204,10 +204,7 @@ def _check_speeds(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) 
 
 
 def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return driven and stated speeds over a second, their mean distance, and the time, by track.
-
-    A track that is shorter than a second is taken as a whole; one without steps has speeds of 0.
-    """
+    """Return driven and stated speeds over a second, their distance, and the time, by track."""
     starts, n = tracks.starts, tracks.n_tracks
     frames = np.minimum(max(1, round(1 / tracks.dt)), np.diff(starts) - 1)
     rows = np.arange(tracks.n_states)

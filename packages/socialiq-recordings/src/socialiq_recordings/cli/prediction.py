@@ -177,12 +177,7 @@ _CONFIDENCE = 0.95
 
 
 def _trait_test(situations: Situations, seed: int) -> tuple[dict[str, list[Row]], dict[str, Any]]:
-    """Infer angles from drivers' first halves and test them on their second halves.
-
-    Returns:
-        `trait_models` and `trait_contrasts`, nothing if it could not be tested; counts, the
-        population's angle, and which contrasts were found.
-    """
+    """Infer angles from drivers' first halves and test them on their second halves."""
     try:
         models = trait.fit_models(study.choices(situations, seed), seed)
     except UserError as error:

@@ -248,10 +248,7 @@ def _check_every(every: float, choices: Choices) -> None:
 
 
 def _quality(replayed: Replayed, decisions: int) -> dict[str, Any]:
-    """Return the counts of demonstrated decisions, and what their actions leave; warn of few.
-
-    `decisions` are those of an episode of the world.
-    """
+    """Return the counts of demonstrated decisions, and what their actions leave; warn of few."""
     rows = replayed.table.n_transitions
     # Hanley and Lippman-Hand (1983): what is in none of n rows may, at 95 %, be in 3 of n.
     unseen = 1 - (1 - min(3 / rows, 1.0)) ** decisions

@@ -307,10 +307,7 @@ def _most_frequent(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _placement(
     motion: Motion, other_motion: Motion, pair: np.ndarray, lag: int
 ) -> Placement | None:
-    """Return the rigid motion of a vehicle's path in the other recording to that in the one.
-
-    The least-squares solution of Kabsch (1976), in the plane.
-    """
+    """Return the rigid motion of a vehicle's path to its other one (Kabsch 1976, in the plane)."""
     # The rows of both tracks at their common times.
     start, end = motion.tracks.starts[pair[0] : pair[0] + 2].tolist()
     other_start, other_end = other_motion.tracks.starts[pair[1] : pair[1] + 2].tolist()

@@ -195,10 +195,7 @@ def trained(
 def _dials(
     tasks: Sequence[Task], tables: Sequence[Demonstrations], settings: Training
 ) -> list[dict[str, Fitted]]:
-    """Return the dial of every fold: with one angle for all, and by driver.
-
-    Beside it dials of parts of the training drivers are trained, which predict the others.
-    """
+    """Return the dial of every fold: with one angle for all, and by driver."""
     groups = [grouped(task.train.vehicle, _PARTS) for task in tasks]
     data, seeds = [*tables], [task.seed for task in tasks]
     for task, group in zip(tasks, groups, strict=True):
@@ -207,23 +204,7 @@ def _dials(
             besides = besides if besides.any() else ~besides  # all, if there is no other part
             data.append(demonstrations(task.train.rows(besides), settings.levels))
             seeds.append(task.seed)
-    families = _families(data, seeds, settings)
-    models = []
-    for fold, (task, group) in enumerate(zip(tasks, groups, strict=True)):
-        levels, first = Levels(task, settings), len(tasks) + _PARTS * fold
-        density = np.empty((len(task.train), len(SHARES) * len(ANGLES)))
-        for number, chances in enumerate(families[first : first + _PARTS]):
-            rows = group == number
-            density[rows] = levels.log_density(chances, task.train.rows(rows))
-        models.append(_models(task, levels, families[fold], density))
-    return models
-
-
-def _families(
-    tables: Sequence[Demonstrations], seeds: Sequence[int], settings: Training
-) -> list[Chances]:
-    """Return the family of a dial of each table, all trained in one program."""
-    longest = max(int(np.bincount(table.episode).max()) for table in tables)
+    longest = max(int(np.bincount(table.episode).max()) for table in data)
     shape = OfflineDialConfig(
         low=float(ANGLES[0]),
         high=float(ANGLES[-1]),
@@ -244,13 +225,21 @@ def _families(
         )
         for seed in seeds
     ]
-    stages = train(shape, numbers, tables)
+    stages = train(shape, numbers, data)
     clones = stages["behaviour"].state.target_network
     families = []
-    for index in range(len(tables)):
+    for index in range(len(data)):
         clone, dial = QPolicy.of(network_of(clones, index), 1.0, {}), stages["dial"].policy(index)
         families.append(of_family([clone, *(dial.at(angle) for angle in ANGLES.tolist())]))
-    return families
+    models = []
+    for fold, (task, group) in enumerate(zip(tasks, groups, strict=True)):
+        levels, first = Levels(task, settings), len(tasks) + _PARTS * fold
+        density = np.empty((len(task.train), len(SHARES) * len(ANGLES)))
+        for number, chances in enumerate(families[first : first + _PARTS]):
+            rows = group == number
+            density[rows] = levels.log_density(chances, task.train.rows(rows))
+        models.append(_models(task, levels, families[fold], density))
+    return models
 
 
 def of_family(policies: Sequence[Any]) -> Chances:
@@ -274,11 +263,7 @@ def of_family(policies: Sequence[Any]) -> Chances:
 def _models(
     task: Task, levels: Levels, chances: Chances, density: Float64[np.ndarray, "moment policy"]
 ) -> dict[str, Fitted]:
-    """Return the dial at the angle of the population, and at each driver's.
-
-    `chances` are those of the family, `density` the log-densities of the training moments by
-    families of other drivers.
-    """
+    """Return the dial at the angle of the population, and at each driver's."""
     trait = family_trait(ANGLES, strengths=SHARES)
     _, likelihood = _by_driver(density, task.train.vehicle)
     alike, differ = (

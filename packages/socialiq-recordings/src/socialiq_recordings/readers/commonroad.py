@@ -99,11 +99,8 @@ class _Draft(RoadDraft):
             self._fault = self._fault or f"{name}: {fault}"
 
     def _value(self, state: State, name: str) -> float:
-        """Return a value's number, the middle of an interval, or the default of a missing value.
-
-        The state of a point mass has its velocity to the north in place of the orientation.
-        """
-        needed = name == "orientation" and "velocityY" not in state
+        """Return a value's number, the middle of an interval, or the default of a missing value."""
+        needed = name == "orientation" and "velocityY" not in state  # of a point mass
         value = state[name] if needed else state.get(name)
         if isinstance(value, str):
             return float(value)
@@ -200,11 +197,7 @@ def _number(text: str) -> float:
 
 
 def _size(element: Element) -> tuple[float, float]:
-    """Return length and width of an obstacle.
-
-    Raises:
-        ValueError: If it has no rectangle or circle around its position.
-    """
+    """Return length and width of an obstacle."""
     shapes = list(element.find("shape") or [])  # type: ignore[arg-type]
     if len(shapes) != 1 or shapes[0].tag not in ("rectangle", "circle"):
         names = ", ".join(shape.tag for shape in shapes) or "missing"

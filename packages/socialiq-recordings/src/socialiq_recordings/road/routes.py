@@ -136,10 +136,7 @@ class Matcher:
         Float64[np.ndarray, "state lanelet"],
         Float64[np.ndarray, "state lanelet"],
     ]:
-        """Return lanelets, the distances of states from them, m, and the misfits, m and rad.
-
-        Infinite where a state is further from the box around a lanelet than `reach`, m.
-        """
+        """Return lanelets, distances from them, m, and misfits; infinite beyond `reach`, m."""
         reach += ROUNDING
         low, high = (np.array([edge(x), edge(y)]) for edge in (np.min, np.max))
         apart = np.maximum(np.maximum(self._low - high, low - self._high), 0.0)

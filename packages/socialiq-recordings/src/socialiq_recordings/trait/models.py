@@ -152,12 +152,7 @@ def predict(
 
 
 def _residual_models(sample: Sample, alike: Inference) -> dict[str, Evaluated]:
-    """Return predictions of second halves by residuals of the base predictor.
-
-    The population's prediction is tilted: p(a | s) proportional to p_pop(a | s) exp(κ r a / v), v
-    its variance and r the residual. κ is integrated out; its posterior is from the first halves of
-    other chains.
-    """
+    """Return predictions by residuals r: p(a | s) proportional to p_pop(a | s) exp(κ r a / v)."""
     table, second = sample.table, sample.second
     rewards, fold = traits.rewards_of(table), alike.fold[sample.driver]
     # Log p of every candidate by the mean weights of the population of other chains.

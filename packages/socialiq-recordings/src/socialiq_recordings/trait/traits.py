@@ -105,11 +105,7 @@ class Trait(NamedTuple):
 
 
 def _wrapped_normal(angle: Values, mean: float, spread: float) -> Values:
-    """Return the shares of a wrapped normal distribution (Mardia and Jupp 2000, 3.5.7) on a grid.
-
-    On an even grid of the whole circle whose step is at most the spread, sums of smooth functions
-    over it are their integrals to a relative error of about exp(-2 π²).
-    """
+    """Return the shares of a wrapped normal distribution on a grid (Mardia and Jupp 2000, 3.5.7)."""
     off = angle_difference(angle, mean)
     if spread == 0.0:
         return (np.abs(off) < 1e-9).astype(np.float64)

@@ -103,11 +103,7 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
 
 
 def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[Int64[np.ndarray, " decision"]]:
-    """Return the sub-steps of a vehicle's decisions and of their end, one run a beginning.
-
-    Of a vehicle that is in view for longer than an episode lasts, runs are shorter than an episode:
-    where one ends and the next begins, the view is cut, and no time is out.
-    """
+    """Return the sub-steps of a vehicle's decisions and of their end, one run a beginning."""
     road, frames, most = world.road, world.config.frames, world.config.decisions
     begin, end = road.state_first[vehicle : vehicle + 2].tolist()
     along = road.state[begin:end, 0]

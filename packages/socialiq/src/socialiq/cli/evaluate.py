@@ -259,10 +259,7 @@ def _play_road(
 def _play_in_environment(
     world: str, policy: str, angle: float, allow_code: bool, soft: bool, seeds: np.ndarray
 ) -> tuple[Rollout, Record]:
-    """Play the episodes of successive seeds; return them with the policy's record.
-
-    On a road a file of this package may take the time as a further feature.
-    """
+    """Play the episodes of successive seeds; return them with the policy's record."""
     env = environment.make_environment(world, allow_code=allow_code, continuous=True)
     size, width = environment.sizes(env), environment.action_size(env)
     settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": world in TIMED}

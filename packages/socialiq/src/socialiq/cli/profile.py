@@ -80,25 +80,6 @@ class New:
                 date = datetime.date.fromisoformat(self.date)
             except ValueError as error:
                 raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
-        margin, clip = self._limits()
-        declared = template.declare(
-            self.angle,
-            self.owner,
-            self.world,
-            margin,
-            date,
-            confidence=self.confidence,
-            competence=template.floor_at(self.angle),
-            allow_code=self.allow_code,
-            rule=None if self.angle_rule is None else load_rule(self.angle_rule),
-            clip=clip,
-        )
-        write_atomically(self.out, declared.source, self.replace)
-        print_table(_table(_facts(declared)), str(self.out))
-        return 0
-
-    def _limits(self) -> tuple[profile.Margin, profile.Clip | None]:
-        """Return the margins and the limits of the rewards, by default those of the world."""
         usual, loss = template.USUAL.get(self.world, template.Usual(1.0)), self.largest_loss
         margin = usual.margin if self.margin is None else self.margin
         if (self.clip_env is None) != (self.clip_social is None):
@@ -116,7 +97,21 @@ class New:
         if width is None and bounded and self.angle <= LAST_DIRECTION and not self.angle_rule:
             width = usual.width
         beyond = usual.beyond if self.beyond is None and width is not None else self.beyond
-        return profile.Margin(margin, None, loss, width, beyond), clip
+        declared = template.declare(
+            self.angle,
+            self.owner,
+            self.world,
+            profile.Margin(margin, None, loss, width, beyond),
+            date,
+            confidence=self.confidence,
+            competence=template.floor_at(self.angle),
+            allow_code=self.allow_code,
+            rule=None if self.angle_rule is None else load_rule(self.angle_rule),
+            clip=clip,
+        )
+        write_atomically(self.out, declared.source, self.replace)
+        print_table(_table(_facts(declared)), str(self.out))
+        return 0
 
 
 @dataclass(frozen=True)

@@ -119,10 +119,7 @@ def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:
 
 
 def _values(options: Any) -> Iterator[tuple[str, int | float | None]]:
-    """Yield the name and value of each number in the fields of a dataclass, and in those below.
-
-    None stands for the missing value of a list that is not empty by default.
-    """
+    """Yield the name and value of each number in the fields of a dataclass, and in those below."""
     for field in dataclasses.fields(options):
         value = getattr(options, field.name)
         if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -67,7 +67,14 @@ def read_minari(
     """
     data = folder / DATA_FOLDER if (folder / DATA_FOLDER).is_dir() else folder
     metadata = _metadata(data / METADATA_FILE)
-    actions = _actions(data, metadata)
+    space = _space(data, metadata, "action_space")
+    discrete = space.kind == "Discrete" and 1 <= space.size < 2**31
+    if not discrete and not (space.kind == "Box" and len(space.shape) == 1 and space.shape[0]):
+        raise UserError(
+            f"{data} has actions of a {one_line(space.kind, 40)} space of shape {space.shape}: "
+            "only discrete actions are supported, or a Box of one vector"
+        )
+    actions = space._replace(size=0, start=0) if space.kind == "Box" else space
     with Reader(data / MAIN_FILE) as reader:
         columns = _columns(reader, data, metadata, actions, social, flatten)
     ours = metadata.get(OURS)
@@ -116,17 +123,6 @@ def _space(path: Path, metadata: dict[str, Any], name: str) -> _Space:
         return _Space(str(space["type"]), shape, image, start, size, ends)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise UserError(f"{path}: the metadata have no {name}: write the data set again") from error
-
-
-def _actions(path: Path, metadata: dict[str, Any]) -> _Space:
-    space = _space(path, metadata, "action_space")
-    discrete = space.kind == "Discrete" and 1 <= space.size < 2**31
-    if not discrete and not (space.kind == "Box" and len(space.shape) == 1 and space.shape[0]):
-        raise UserError(
-            f"{path} has actions of a {one_line(space.kind, 40)} space of shape {space.shape}: "
-            "only discrete actions are supported, or a Box of one vector"
-        )
-    return space._replace(size=0, start=0) if space.kind == "Box" else space
 
 
 def _bounds(path: Path, actions: _Space, option: Bounds | None) -> Bounds | None:

@@ -157,10 +157,7 @@ def _at_least_one(what: str, number: int) -> None:
 
 
 def _orders(pools: Pools, seed: int) -> dict[str, Int[np.ndarray, " episode"]]:
-    """Check the pools, and give each a seeded order of its episodes.
-
-    Each pool has its own stream, so the draw from one doesn't depend on the sizes of the others.
-    """
+    """Check the pools, and give each a seeded order of its episodes."""
     if seed < 0:
         raise UserError(f"seed {seed} is negative: use 0 or more")
     if not pools:

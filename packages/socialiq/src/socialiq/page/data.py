@@ -67,12 +67,7 @@ def crossing() -> dict[str, Any]:
 
 
 def _corner(attainable: AttainableSet, number: int, table: Table) -> dict[str, Any]:
-    """Return a corner: its point, where it lies, the angles that it is best at, and its visits.
-
-    The visits are expected in an episode: decisions by column and action, steps that vehicles begin
-    by row from the south, and decisions in the cell before the conflict by the row of the nearest
-    vehicle south of it (the last entry for none) and action.
-    """
+    """Return a corner: its point, where it lies, the angles that it is best at, and its visits."""
     low, high = attainable.supporting_interval(number)
     reward = score(exact_weights((max(low, 0.0) + min(high, 90.0)) / 2.0), table.mdp.rewards)
     best = horizon_optimum(table.mdp, reward, table.world.horizon)

@@ -123,10 +123,7 @@ class _Graph:
     def layers(
         self, policy: QPolicy | ActorPolicy, weights: Any, biases: Any, name: str = SCORES
     ) -> str:
-        """Add the view of a policy, and layers with its activation between them.
-
-        Returns the name of the last layer's output: the given one, or "" for its own.
-        """
+        """Add the view of a policy, and layers with its activation between them."""
         value, view = INPUT, policy.view
         if isinstance(view, OneHot):
             places = np.repeat(np.arange(view.n_features), view.sizes).tolist()
@@ -236,10 +233,7 @@ class _Graph:
         return self.add("Mul", [value, self.gather([first] * width, f"{name}.presence")], name)
 
     def _turned(self, name: str, first: int) -> str:
-        """Add position, velocity and heading along the ego's heading and to its left.
-
-        A vector (x, y) turned by the heading (cos, sin) is (x cos + y sin, y cos - x sin).
-        """
+        """Add vectors along the ego's heading and to its left, (x cos + y sin, y cos - x sin)."""
         turned = []
         for label, places in _TURNS.items():
             read = self.gather([first + index for index in places], f"{name}.{label}.read")

@@ -186,10 +186,7 @@ def _load_code(
     isolation: Isolation | None,
     files: Sequence[str],
 ) -> Loaded:
-    """Hash the files of a command or a Python module, and start it as a process.
-
-    A module without a request for isolation is imported into this process.
-    """
+    """Hash the files of a command or a Python module, and start it as a process."""
     source, (kind, _, words) = one_line(spec), spec.partition(":")
     is_python = kind == "python"
     if is_python and (isolation is None or not isolation.works) and not allow_code:

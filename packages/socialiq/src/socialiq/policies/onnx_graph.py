@@ -114,10 +114,7 @@ def _same(values: Values, inputs: Sequence[str], _attributes: Attributes) -> Sha
 
 
 def _along(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
-    """Return the shape of an operator along a vector.
-
-    The default axis differs between versions of ONNX; both mean the same here.
-    """
+    """Return the shape of an operator along a vector; the default axis differs by version."""
     length = values.vector(inputs[0])
     if attributes.get("axis", 1) not in (1, -1):
         raise GraphFault("works across the observations of a batch")

@@ -97,10 +97,7 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
 
 
 def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
-    """Return the shapes of input and output for one observation, and the operators used.
-
-    Everything that was not checked is removed from the model, and all outputs but one.
-    """
+    """Return the shapes of input and output for one observation, and the operators used."""
     graph, values = model.graph, Values()
     for used in model.opset_import:
         _check_domain(used.domain)
@@ -173,10 +170,7 @@ def _check_nodes(onnx: Any, graph: Any, values: Values) -> None:
 def _branch(
     onnx: Any, graph: Any, values: Values, node: Any, attributes: Mapping[str, Any]
 ) -> list[Any]:
-    """Return the nodes of the branch of an If that its constant takes, the first one last.
-
-    Its constants become the graph's; the other branch is never looked at, and removed.
-    """
+    """Return the nodes of the branch of an If that its constant takes, the first one last."""
     condition = values.constant(node.input[0]) if node.input else np.zeros(0)
     if condition.dtype.kind != "b" or condition.size != 1:
         raise GraphFault("has an If that depends on the observation")
@@ -281,7 +275,20 @@ def check_fields(content: bytes, source: str) -> None:
         while waiting:
             message, position, end = waiting.pop()
             while position < end:
-                number, begin, position = _field(content, position, end)
+                key, begin = _varint(content, position)
+                kind = key & 7
+                if kind == 0:
+                    _, after = _varint(content, begin)
+                elif kind == 2:
+                    length, begin = _varint(content, begin)
+                    after = begin + length
+                elif kind in (1, 5):
+                    after = begin + (8 if kind == 1 else 4)
+                else:
+                    raise ValueError("group")
+                if after > end:
+                    raise ValueError("beyond the message")
+                number, position = key >> 3, after
                 count += 1
                 if count > MOST_FIELDS:
                     raise UserError(f"{source} has more than {MOST_FIELDS} fields: simplify it")
@@ -296,29 +303,6 @@ def check_fields(content: bytes, source: str) -> None:
                     waiting.append((inner, begin, position))
     except (IndexError, ValueError) as error:
         raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
-
-
-def _field(content: bytes, position: int, end: int) -> tuple[int, int, int]:
-    """Return number, begin and end of a field, by Protocol Buffers' wire format.
-
-    Raises:
-        ValueError: If it reaches beyond the message, or is of a kind that ONNX doesn't use.
-        IndexError: If the file ends within a number.
-    """
-    key, begin = _varint(content, position)
-    kind = key & 7
-    if kind == 0:
-        _, after = _varint(content, begin)
-    elif kind == 2:
-        length, begin = _varint(content, begin)
-        after = begin + length
-    elif kind in (1, 5):
-        after = begin + (8 if kind == 1 else 4)
-    else:
-        raise ValueError("group")
-    if after > end:
-        raise ValueError("beyond the message")
-    return key >> 3, begin, after
 
 
 def _varint(content: bytes, position: int) -> tuple[int, int]:

@@ -263,10 +263,7 @@ def command_of(command_line: str) -> list[str]:
 
 
 class _Conversation:
-    """Exchange of observations and actions; each answer has the number of its request.
-
-    A continuous action has `size` numbers; 0 if actions are discrete.
-    """
+    """Exchange of observations and actions; each answer has the number of its request."""
 
     def __init__(self, child: Child, seconds: float, size: int) -> None:
         self._child, self._seconds, self._number, self._size = child, seconds, 0, size

@@ -187,11 +187,7 @@ def _shape(space: Mapping[str, Any]) -> Any:
 
 
 def _features(data: Mapping[str, Any], source: str) -> int:
-    """Return the length of a flattened observation.
-
-    Images are bytes, and Stable-Baselines3 divides those by 255; so only floats are certain to
-    reach the network as they are.
-    """
+    """Return the length of a flattened observation, of floats: bytes, as of images, are scaled."""
     space = _object(data, "observation_space")
     shape = _shape(space)
     if not _is_space(space, "Box") or space.get("dtype") not in _FLOATS:

@@ -140,10 +140,7 @@ def _layers(tensors: dict[str, np.ndarray], config: Config, source: str) -> list
 def _take_deviations(
     tensors: dict[str, np.ndarray], config: Config, source: str
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Remove the layer of log-deviations from the tensors of a continuous policy, and return it.
-
-    PPO's are one number for each of an action's, whatever is observed: a layer of weights 0.
-    """
+    """Remove the layer of log-deviations from the tensors of a continuous policy, and return it."""
     size = config.interface.action_size
     if not size or config.algorithm == "TD3":
         return None

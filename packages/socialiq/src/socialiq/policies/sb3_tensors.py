@@ -266,10 +266,7 @@ class _Machine:
 
 
 def _called(function: Any, arguments: Any) -> Any:
-    """Return the result of a call: an empty dictionary, or a tensor.
-
-    The arguments of a tensor are (storage, offset, shape, strides, requires_grad, hooks).
-    """
+    """Return the result of a call: an empty dictionary, or a tensor."""
     if function is _Known.DICTIONARY and arguments == ():
         return {}
     if function is not _Known.TENSOR:

@@ -224,10 +224,7 @@ def application(view: View | None, port: int, token: str) -> App:
 
 
 class _Conversation:
-    """Questions of one tab and their answers, in order; a second tab is told so.
-
-    A policy may be a process with one pipe, so that it answers one question at a time.
-    """
+    """Questions of one tab and their answers, in order; a second tab is told so."""
 
     def __init__(self, decide: Decide) -> None:
         self._decide, self._held = decide, False
@@ -267,23 +264,6 @@ HEADER_SECONDS = 10.0
 """Time in which a connection has to send the headers of its first request."""
 
 
-def _protocol() -> type[Any]:
-    """Return uvicorn's protocol, which closes connections that never finish their headers."""
-    base = optional("uvicorn.protocols.http.h11_impl", "web", "view").H11Protocol
-
-    class HeaderTimeout(base):
-        def connection_made(self, transport: Any) -> None:
-            super().connection_made(transport)
-
-            def close_if_silent() -> None:
-                if transport.get_protocol() is self and self.cycle is None:
-                    transport.close()
-
-            self.loop.call_later(HEADER_SECONDS, close_if_silent)
-
-    return HeaderTimeout
-
-
 def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
     """Serve until Ctrl-C.
 
@@ -300,6 +280,18 @@ def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
     token, listening = secrets.token_urlsafe(TOKEN_BYTES), bound(port)
     with listening:
         number = listening.getsockname()[1]
+        base = optional("uvicorn.protocols.http.h11_impl", "web", "view").H11Protocol
+
+        class HeaderTimeout(base):
+            def connection_made(self, transport: Any) -> None:
+                super().connection_made(transport)
+
+                def close_if_silent() -> None:
+                    if transport.get_protocol() is self and self.cycle is None:
+                        transport.close()
+
+                self.loop.call_later(HEADER_SECONDS, close_if_silent)
+
         settings = uvicorn.Config(
             application(view, number, token),
             log_level="error",
@@ -307,7 +299,7 @@ def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
             lifespan="off",
             proxy_headers=False,
             server_header=False,
-            http=_protocol(),
+            http=HeaderTimeout,
             ws="websockets-sansio",
             ws_max_size=MOST_BYTES,
             limit_concurrency=64,

@@ -42,10 +42,7 @@ def _compare_episode(
     choose: Callable[[], np.ndarray],
     seed: int,
 ) -> Compared:
-    """Run the episode of a seed on both sides, up to its end or the first discrete difference.
-
-    The core is a batch of one episode; `choose` returns its next action.
-    """
+    """Run the episode of a seed on both sides, up to its end or the first discrete difference."""
     observation = core.reset([seed])
     worst = np.array([0.0, np.abs(real.reset(seed) - observation[0]).max(), 0.0])
     (is_same, worst[0]), steps, left = _compared(core, real), 0, False

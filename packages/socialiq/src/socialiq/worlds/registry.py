@@ -133,10 +133,7 @@ def _kind(name: str) -> Any:
 
 @lru_cache(maxsize=32)
 def _grid(name: str, options: Any, _written: str) -> GridWorld:
-    """Return one gridworld for equal options, so that programs of it are compiled once.
-
-    The options' text tells 1 and 1.0 apart, which are equal but named otherwise.
-    """
+    """Return one gridworld for equal options, which compiles once; the text tells 1 from 1.0."""
     return WORLDS[name].make(options)
 
 

@@ -173,12 +173,7 @@ class Task:
     def _acting(
         self, static: Any, runs: list[Any], change: standardise.Standardisation | None
     ) -> dict[str, Any]:
-        """Return what `train` needs to let runs act in the world.
-
-        At the intersection they act on the compiled core, all in one batch. Observations there end
-        with the time if those of the demonstrations do; without demonstrations, if the networks
-        tell values of it apart.
-        """
+        """Return what `train` needs to let runs act in the world."""
         registry.refuse_file(self.world)
         data, chunk = self.data, static.updates_per_round
         if self.world in CONTINUOUS:

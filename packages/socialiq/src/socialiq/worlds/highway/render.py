@@ -94,20 +94,16 @@ def traffic(axes: Any, scene: Scene, view: View) -> None:
         if "yielding" in (record.dtype.names or ()) and record["yielding"]:
             shapes.give_way(axes, *shapes.beside(pose, -2.2, 0.8, (1.7, 1.5)))
         speed = f"{float(record['speed']):.1f}"
-        _label(axes, pose, f"{speed} m/s" if slot == scene.ego else speed)
-
-
-def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
-    """Write a label to the right of a car, about as tall as the car is wide."""
-    box = axes.get_position(original=True)
-    paper = axes.figure.get_size_inches() * (box.width, box.height)
-    metres = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
-    per_metre = 72 * float((paper / metres).min())  # points on paper
-    size = max(5.5, 1.9 * per_metre)
-    tall = size / per_metre
-    x, y = shapes.beside(pose, 1.2, 1.4, (0.31 * tall * len(text), 0.5 * tall))
-    style = {"fontsize": size, "color": shapes.INK, "ha": "center", "va": "center"}
-    axes.text(x, y, text, clip_on=True, zorder=9, **style)
+        text = f"{speed} m/s" if slot == scene.ego else speed
+        box = axes.get_position(original=True)
+        paper = axes.figure.get_size_inches() * (box.width, box.height)
+        metres = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+        per_metre = 72 * float((paper / metres).min())  # points on paper
+        size = max(5.5, 1.9 * per_metre)
+        tall = size / per_metre
+        x, y = shapes.beside(pose, 1.2, 1.4, (0.31 * tall * len(text), 0.5 * tall))
+        style = {"fontsize": size, "color": shapes.INK, "ha": "center", "va": "center"}
+        axes.text(x, y, text, clip_on=True, zorder=9, **style)
 
 
 def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | None = None) -> Figure:

@@ -118,11 +118,7 @@ _LANES = 0.0, 4.0  # y of the left and of the right lane of merge and two_way, m
 
 
 def _merge() -> Scene:
-    """Return highway-env's merge: two lanes of a motorway, and a third that ends.
-
-    The motorway is a-b-c-d, the ramp j-k-b, which has a lane of its own up to c. There are three
-    others on the motorway, one on the ramp, and the ramp's end.
-    """
+    """Return highway-env's merge: two lanes of a motorway, and a third that ends."""
     roads = Network()
     before, converging, merged, end = (sum(MERGE_LENGTHS[:count]) for count in range(1, 5))
     for y in _LANES:
@@ -174,8 +170,13 @@ _ARCS = (
 )  # from and to in degrees, clockwise as drawn from east; driven the other way
 
 
-def _roundabout_roads() -> Network:
-    """Return circle and arms; of each arm the way in, straight then bent, and the way out."""
+def _turned(arm: str, x: float, y: float) -> tuple[float, float]:
+    cos, sin = _ARMS[arm]
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def _roundabout() -> Scene:
+    """Return highway-env's roundabout: two lanes round a circle, and four arms."""
     roads = Network()
     for radius in (20.0, 24.0):
         for start, end, first, last in _ARCS:
@@ -193,20 +194,6 @@ def _roundabout_roads() -> Network:
         roads.add(f"{arm}x", f"{arm}xs", Lane(sine(*ends, *way_out), EXIT))
         lane = straight(_turned(arm, -2.0, half), _turned(arm, -2.0, _ACCESS))
         roads.add(f"{arm}xs", f"{arm}xr", Lane(lane, EXIT))
-    return roads
-
-
-def _turned(arm: str, x: float, y: float) -> tuple[float, float]:
-    cos, sin = _ARMS[arm]
-    return cos * x + sin * y, cos * y - sin * x
-
-
-def _roundabout() -> Scene:
-    """Return highway-env's roundabout: two lanes round a circle, and four arms.
-
-    There are three others on the circle and one on the eastern arm; the ego goes north.
-    """
-    roads = _roundabout_roads()
     circle, southern, eastern = (
         roads.lane(*nodes, 0) for nodes in (("we", "sx"), ("ser", "ses"), ("eer", "ees"))
     )
@@ -236,11 +223,7 @@ def _roundabout() -> Scene:
 
 
 def _two_way() -> Scene:
-    """Return highway-env's two-way road: the ego overtakes where others come towards it.
-
-    The road a-b has two lanes; b-a is the left of them. There are three others ahead of the ego,
-    and two that come towards it; none overtakes.
-    """
+    """Return highway-env's two-way road: the ego overtakes where others come towards it."""
     roads, length = Network(), 800.0
     for y in _LANES:
         roads.add("a", "b", Lane(straight((0.0, y), (length, y)), CONFLICT))

@@ -29,10 +29,7 @@ _APART = 12  # levels between colours considered
 
 
 def _gif(figures: Iterator[Figure], frames_per_second: int) -> bytes:
-    """Encode figures as a GIF that repeats and pauses on its last frame.
-
-    The palette has the colours of the shapes exactly, then the film's most frequent others.
-    """
+    """Encode figures as a GIF that repeats and pauses on its last frame."""
     from matplotlib.colors import to_rgb
     from PIL import Image
 

@@ -186,11 +186,7 @@ def _gives_way(vehicles: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
 
 
 def _leader(vehicles: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarray, " batch"]]:
-    """Return the distance of the nearest leader, infinite if none, and the closing speed.
-
-    On the approach a leader is on the ego's lane before the junction; later on, in a narrow cone
-    of the ego's heading and not heading against it.
-    """
+    """Return the distance of the nearest leader, infinite if none, and the closing speed."""
     ego = vehicles[:, :1]
     cos, sin = ego[..., 5], ego[..., 6]
     x, y = vehicles[:, 1:, 1] - ego[..., 1], vehicles[:, 1:, 2] - ego[..., 2]
