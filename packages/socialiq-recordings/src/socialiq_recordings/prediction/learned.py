@@ -50,21 +50,14 @@ _LEAST = 1e-12  # probability of a level
 
 @dataclass(frozen=True)
 class Training:
-    """Settings of the training.
+    """Settings of the training."""
 
-    Attributes:
-        levels: Accelerations that are actions, m/s², equally spaced.
-        updates: Gradient steps.
-        hidden: Widths of the hidden layers.
-        batch_size: Moments of a batch.
-        discount: γ of a second.
-    """
-
+    # accelerations that are actions, m/s², equally spaced
     levels: tuple[float, ...] = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
-    updates: int = 500
-    hidden: tuple[int, ...] = (32,)
-    batch_size: int = 64
-    discount: float = 0.9
+    updates: int = 500  # gradient steps
+    hidden: tuple[int, ...] = (32,)  # widths of the hidden layers
+    batch_size: int = 64  # moments of a batch
+    discount: float = 0.9  # γ of a second
 
     def __post_init__(self) -> None:
         """Refuse what no training could take, before the slow work."""

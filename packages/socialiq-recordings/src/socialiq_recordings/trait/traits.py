@@ -105,7 +105,7 @@ class Trait(NamedTuple):
 
 
 def _wrapped_normal(angle: Values, mean: float, spread: float) -> Values:
-    """Return the shares of a wrapped normal distribution on a grid (Mardia and Jupp 2000, 3.5.7)."""
+    """Return the shares of a wrapped normal distribution (Mardia and Jupp 2000) on a grid."""
     off = angle_difference(angle, mean)
     if spread == 0.0:
         return (np.abs(off) < 1e-9).astype(np.float64)

@@ -37,26 +37,19 @@ _LONGEST = 600.0  # s; of an episode
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """Options of a world made of recordings.
+    """Options of a world made of recordings."""
 
-    Attributes:
-        policy_rate: Decisions per second; divides `SUB_STEPS` and the recordings' rates.
-        levels: Accelerations that the ego can choose, m/s², ascending, one of them 0.
-        duration: s after which an episode times out.
-        observed_vehicles: Rows of the observation, the ego's included.
-        lights: "inferred": lines are closed while the first vehicle of a lane stood there without
-            a reason that the model of the drivers knows. "none": no line is ever closed.
-        slack: m by which vehicles are narrower and shorter than recorded.
-        rewards: Weights and units of the reward pair; its rates, duration, speeds and rows are
-            replaced by those of this world.
-    """
-
-    policy_rate: int = 1
+    policy_rate: int = 1  # decisions per second; divides `SUB_STEPS` and the recordings' rates
+    # accelerations that the ego can choose, m/s², ascending, one of them 0
     levels: tuple[float, ...] = LEVELS
-    duration: float = 20.0
-    observed_vehicles: int = 12
+    duration: float = 20.0  # s after which an episode times out
+    observed_vehicles: int = 12  # rows of the observation, the ego's included
+    # "inferred": lines are closed while the first vehicle of a lane stood there without a reason
+    # that the model of the drivers knows. "none": no line is ever closed
     lights: Lights = "inferred"
-    slack: float = 0.3
+    slack: float = 0.3  # m by which vehicles are narrower and shorter than recorded
+    # weights and units of the reward pair; its rates, duration, speeds and rows are replaced by
+    # those of this world
     rewards: Options = field(default_factory=Options)
 
     def __post_init__(self) -> None:
@@ -129,22 +122,14 @@ class RecordedWorld(RoadWorld):
 
     Its rule-based drivers are a driver of the calibrated population, which knows the ways of the
     others and the closed lines that policies see in part; always faster; and always slower.
-
-    Attributes:
-        road: Its arrays.
-        config: Options of its decisions and rewards.
-        max_speed: v_max of Eq 4.1 and 4.2, and the ego's largest speed, m/s.
-        provenance: Recordings, calibration and counts, as JSON.
-        sha256: Of the file's content; "" if it was not read from a file.
-        name: Name in hashes, the same for every file.
     """
 
-    road: Road
-    config: WorldConfig
-    max_speed: float
-    provenance: dict[str, Any]
-    sha256: str = ""
-    name: str = "recorded-junction"
+    road: Road  # its arrays
+    config: WorldConfig  # options of its decisions and rewards
+    max_speed: float  # v_max of Eq 4.1 and 4.2, and the ego's largest speed, m/s
+    provenance: dict[str, Any]  # recordings, calibration and counts, as JSON
+    sha256: str = ""  # of the file's content; "" if it was not read from a file
+    name: str = "recorded-junction"  # name in hashes, the same for every file
 
     drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
     references: ClassVar[tuple[str, ...]] = drivers

@@ -23,15 +23,10 @@ ROUNDING = 1e-6
 
 
 class Bounds(NamedTuple):
-    """Ends of continuous actions in their own units; -1 and 1 here.
+    """Ends of continuous actions in their own units; -1 and 1 here."""
 
-    Attributes:
-        low: Lower end of each number.
-        high: Upper end of each number.
-    """
-
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    low: tuple[float, ...]  # lower end of each number
+    high: tuple[float, ...]  # upper end of each number
 
     @staticmethod
     def of(low: Sequence[float], high: Sequence[float]) -> Bounds | None:

@@ -32,22 +32,15 @@ Kind = Literal["number", "integer", "flag"]
 
 
 class Layout(NamedTuple):
-    """Columns of a kind of file.
+    """Columns of a kind of file."""
 
-    Attributes:
-        vectors: Columns of one number for each feature, NAME_0, NAME_1, ...: of the observation
-            and of the next one.
-        action: Column of discrete actions; continuous ones take NAME_0, NAME_1, ...
-        scalars: All other columns; among them `r_env` and `r_social`.
-        reward: The column instead of these two, for a reward of one number a step.
-        required: Columns that a file must have beside a reward and actions.
-    """
-
+    # columns of one number for each feature, NAME_0, NAME_1, ...: of the observation and of the
+    # next one
     vectors: tuple[str, str]
-    action: str
-    scalars: Mapping[str, Kind]
-    reward: str
-    required: tuple[str, ...]
+    action: str  # column of discrete actions; continuous ones take NAME_0, ...
+    scalars: Mapping[str, Kind]  # all other columns; among them `r_env` and `r_social`
+    reward: str  # the column instead of these two, for a reward of one number a step
+    required: tuple[str, ...]  # columns that a file must have beside a reward and actions
 
     def kind_of(self, name: str) -> Kind | None:
         """Return what the cells of a column hold, or None for an unknown column."""

@@ -21,17 +21,13 @@ from socialiq.types import Ending, RewardPair
 class Symmetry:
     """A map of a world onto itself that is its own inverse, as a mirror's is.
 
-    Attributes:
-        signs: Of each feature of the image: 1, or -1 where it changes sign.
-        actions: Of each action, the action of the image.
-        features: Of each feature of the image, the feature it is taken from; the same without it.
-
     Raises:
         UserError: If the map applied twice would not give back what it was applied to.
     """
 
-    signs: tuple[int, ...]
-    actions: tuple[int, ...]
+    signs: tuple[int, ...]  # of each feature of the image: 1, or -1 where it changes sign
+    actions: tuple[int, ...]  # of each action, the action of the image
+    # of each feature of the image, the feature it is taken from; the same without it
     features: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:

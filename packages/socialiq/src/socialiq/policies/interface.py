@@ -20,17 +20,11 @@ from socialiq.types import Policy
 
 
 class Interface(NamedTuple):
-    """Sizes of a policy's observations and actions.
+    """Sizes of a policy's observations and actions."""
 
-    Attributes:
-        n_features: Length of an observation.
-        n_actions: Number of actions; 0 if they are continuous.
-        action_size: Length of a continuous action; 0 if they are discrete.
-    """
-
-    n_features: int
-    n_actions: int
-    action_size: int = 0
+    n_features: int  # length of an observation
+    n_actions: int  # number of actions; 0 if they are continuous
+    action_size: int = 0  # length of a continuous action; 0 if they are discrete
 
     @staticmethod
     def of(world: Any) -> Interface:
@@ -117,16 +111,11 @@ class Interface(NamedTuple):
 
 @dataclass(frozen=True)
 class BatchPolicy:
-    """A policy given by one function of a batch of observations; every answer is checked.
+    """A policy given by one function of a batch of observations; every answer is checked."""
 
-    Attributes:
-        source: Its name in messages.
-        interface: Its sizes.
-        decide: (observations float32 (batch, features), deterministic) -> one action a row.
-    """
-
-    source: str
-    interface: Interface
+    source: str  # its name in messages
+    interface: Interface  # its sizes
+    # (observations float32 (batch, features), deterministic) -> one action a row
     decide: Callable[[np.ndarray, bool], Any]
 
     def predict(
@@ -145,28 +134,18 @@ class BatchPolicy:
 
 @dataclass(frozen=True)
 class Record:
-    """Facts about a policy, all JSON.
+    """Facts about a policy, all JSON."""
 
-    Attributes:
-        kind: "policy", "ensemble", "dial", "table", "sb3", "onnx", "process" or "python".
-        source: The specification that it was loaded from, as one printable line.
-        sha256: SHA-256 of the file's bytes; for a process, of its command and the files named in
-            it (`isolation.hash_files`); for Python in this process, of the module's source.
-        covers: Description of the hashed content.
-        interface: Sizes of its observations and actions.
-        soft: Whether it gives the distribution of its stochastic actions.
-        details: Further facts from its file.
-        isolation: Isolation of its process.
-    """
-
-    kind: str
-    source: str
+    kind: str  # "policy", "ensemble", "dial", "table", "sb3", "onnx", "process" or "python"
+    source: str  # the specification that it was loaded from, as one printable line
+    # SHA-256 of the file's bytes; for a process, of its command and the files named in it
+    # (`isolation.hash_files`); for Python in this process, of the module's source
     sha256: str
-    covers: str
-    interface: Interface
-    soft: bool
-    details: Mapping[str, Any] = field(default_factory=dict)
-    isolation: Isolation = NOT_NEEDED
+    covers: str  # description of the hashed content
+    interface: Interface  # sizes of its observations and actions
+    soft: bool  # whether it gives the distribution of its stochastic actions
+    details: Mapping[str, Any] = field(default_factory=dict)  # further facts from its file
+    isolation: Isolation = NOT_NEEDED  # isolation of its process
 
     def as_json(self) -> dict[str, Any]:
         """Return the record as one JSON object."""
@@ -185,20 +164,15 @@ class Record:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A policy and its record; a context manager, because a process must be ended.
+    """A policy and its record; a context manager, because a process must be ended."""
 
-    Attributes:
-        policy: Decides, as `types.Policy`.
-        record: Its facts.
-        close: Ends the policy's process, if it has one; may be called twice.
-        check_unchanged: Raises `UserError` if the policy's files are no longer those of its hash.
-        again: Starts the policy's process once more, from the same files; None without a process.
-    """
-
-    policy: Policy
-    record: Record
+    policy: Policy  # decides, as `types.Policy`
+    record: Record  # its facts
+    # ends the policy's process, if it has one; may be called twice
     close: Callable[[], None] = lambda: None
+    # raises `UserError` if the policy's files are no longer those of its hash
     check_unchanged: Callable[[], None] = lambda: None
+    # starts the policy's process once more, from the same files; None without a process
     again: Callable[[], Loaded] | None = None
 
     def __enter__(self) -> Loaded:

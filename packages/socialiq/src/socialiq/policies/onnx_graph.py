@@ -35,19 +35,12 @@ class GraphFault(Exception):
 
 @dataclass
 class Values:
-    """Values of a graph that have been defined.
+    """Values of a graph that have been defined."""
 
-    Attributes:
-        constants: By name.
-        rows: Shape for one observation, by name.
-        products: Multiplications so far, for one observation.
-        single: Whether the graph takes one observation at a time.
-    """
-
-    constants: dict[str, np.ndarray] = field(default_factory=dict)
-    rows: dict[str, Shape] = field(default_factory=dict)
-    products: int = 0
-    single: bool = False
+    constants: dict[str, np.ndarray] = field(default_factory=dict)  # by name
+    rows: dict[str, Shape] = field(default_factory=dict)  # shape for one observation, by name
+    products: int = 0  # multiplications so far, for one observation
+    single: bool = False  # whether the graph takes one observation at a time
 
     def name(self, name: str) -> str:
         """Return a name after a check that it is new and has usual characters."""

@@ -44,17 +44,12 @@ LEAST_MEMORY = GIB // 4
 
 
 class Limits(NamedTuple):
-    """Time and memory of a process.
+    """Time and memory of a process."""
 
-    Attributes:
-        start: Seconds from its start to its first answer.
-        step: Seconds for each batch of observations.
-        memory: Bytes of address space of each of its processes; 0 for any amount. A network of
-            torch or JAX reserves several GiB that it never uses.
-    """
-
-    start: float = 30.0
-    step: float = 5.0
+    start: float = 30.0  # seconds from its start to its first answer
+    step: float = 5.0  # seconds for each batch of observations
+    # bytes of address space of each of its processes; 0 for any amount. A network of torch or JAX
+    # reserves several GiB that it never uses
     memory: int = 8 * GIB
 
     def check(self) -> None:

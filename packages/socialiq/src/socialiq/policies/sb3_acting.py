@@ -20,19 +20,12 @@ STATISTICS = "vecnormalize.json"
 
 @dataclass(frozen=True)
 class Normalised:
-    """Policy of observations that are normalised first, as `VecNormalize` does.
+    """Policy of observations that are normalised first, as `VecNormalize` does."""
 
-    Attributes:
-        policy: Policy of the normalised observations.
-        mean: Mean of each feature in training.
-        deviation: √(variance + ε) of each feature.
-        clip: Largest size of a normalised feature.
-    """
-
-    policy: Any
-    mean: Float[np.ndarray, " feature"]
-    deviation: Float[np.ndarray, " feature"]
-    clip: float
+    policy: Any  # policy of the normalised observations
+    mean: Float[np.ndarray, " feature"]  # mean of each feature in training
+    deviation: Float[np.ndarray, " feature"]  # √(variance + ε) of each feature
+    clip: float  # largest size of a normalised feature
 
     def normal(self, observations: Any) -> Float32[np.ndarray, "batch feature"]:
         """Return normalised observations; `UserError` for an observation that doesn't fit."""

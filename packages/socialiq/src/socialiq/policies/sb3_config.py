@@ -20,19 +20,12 @@ from socialiq.policies.interface import Interface
 
 
 class Kind(NamedTuple):
-    """Names of an algorithm's tensors, and its default activation.
+    """Names of an algorithm's tensors, and its default activation."""
 
-    Attributes:
-        hidden: Prefixes of the hidden layers, in order.
-        last: Layers after them; a DQN's last layer is the last of its hidden ones.
-        unused: Tensors that are not used to choose a deterministic action.
-        activation: Between the layers.
-    """
-
-    hidden: tuple[str, ...]
-    last: tuple[str, ...]
-    unused: str
-    activation: str
+    hidden: tuple[str, ...]  # prefixes of the hidden layers, in order
+    last: tuple[str, ...]  # layers after them; a DQN's last layer is the last of its hidden ones
+    unused: str  # tensors that are not used to choose a deterministic action
+    activation: str  # between the layers
 
 
 KINDS = {
@@ -93,24 +86,16 @@ MOST_NUMBERS = 1000
 
 
 class Config(NamedTuple):
-    """Configuration of a network.
+    """Configuration of a network."""
 
-    Attributes:
-        algorithm: One of `KINDS`.
-        activation: Between the layers.
-        interface: Length of its observations, flattened row by row, and number of actions.
-        epsilon: Share of random actions, of a DQN that is not deterministic.
-        bounds: Lower and upper bound of each number of a continuous action; only of an
-            actor-critic, whose actions are in the environment's units.
-        explores_by_state: Whether its noise depends on the state (gSDE).
-    """
-
-    algorithm: str
-    activation: str
-    interface: Interface
-    epsilon: float
+    algorithm: str  # one of `KINDS`
+    activation: str  # between the layers
+    interface: Interface  # length of its observations, flattened row by row, and number of actions
+    epsilon: float  # share of random actions, of a DQN that is not deterministic
+    # lower and upper bound of each number of a continuous action; only of an actor-critic, whose
+    # actions are in the environment's units
     bounds: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    explores_by_state: bool = False
+    explores_by_state: bool = False  # whether its noise depends on the state (gSDE)
 
 
 def data_of(content: bytes, source: str) -> dict[str, Any]:

@@ -14,26 +14,15 @@ Decide = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class View:
-    """A user's file as content of the page.
+    """A user's file as content of the page."""
 
-    Attributes:
-        kind: Script that shows it: "policy", "episodes" or "traffic".
-        title: Heading of the page.
-        lead: Sentence below it.
-        data: What the page knows from the start, JSON-compatible.
-        count: Number of further parts, which the page fetches by their number.
-        part: Returns one of them, JSON-compatible.
-        options: Scenario of the core that the page drives.
-        decide: Answers the questions of a policy's page.
-        close: Ends what runs for it, a policy's process for instance.
-    """
-
-    kind: str
-    title: str
-    lead: str
-    data: Mapping[str, Any]
-    count: int = 0
-    part: Callable[[int], Mapping[str, Any]] = lambda _: {}
-    options: Options = field(default_factory=Options)
-    decide: Decide | None = None
+    kind: str  # script that shows it: "policy", "episodes" or "traffic"
+    title: str  # heading of the page
+    lead: str  # sentence below it
+    data: Mapping[str, Any]  # what the page knows from the start, JSON-compatible
+    count: int = 0  # number of further parts, which the page fetches by their number
+    part: Callable[[int], Mapping[str, Any]] = lambda _: {}  # returns one of them, JSON-compatible
+    options: Options = field(default_factory=Options)  # scenario of the core that the page drives
+    decide: Decide | None = None  # answers the questions of a policy's page
+    # ends what runs for it, a policy's process for instance
     close: Callable[[], None] = lambda: None

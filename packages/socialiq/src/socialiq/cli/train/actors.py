@@ -81,21 +81,14 @@ class TD3BC(Printing):
 
 @dataclass(frozen=True)
 class Task:
-    """Training with continuous actions, of any learner.
+    """Training with continuous actions, of any learner."""
 
-    Attributes:
-        command: Has out, the groups of options, and `data`, the file of the demonstrations, if any.
-        data: Demonstrations of continuous actions; None without.
-        world: Name of the world, "" without.
-        allow_code: Whether the environment's module may be imported.
-        preset: Name of the settings to begin with, "" for the learner's own.
-    """
-
+    # has out, the groups of options, and `data`, the file of the demonstrations, if any
     command: Any
-    data: Demonstrations | None
-    world: str = ""
-    allow_code: bool = False
-    preset: str = ""
+    data: Demonstrations | None  # demonstrations of continuous actions; None without
+    world: str = ""  # name of the world, "" without
+    allow_code: bool = False  # whether the environment's module may be imported
+    preset: str = ""  # name of the settings to begin with, "" for the learner's own
 
     def run(self, name: str, further: Mapping[str, Any] | None = None) -> int:
         """Train one of `LEARNERS` with further settings, write, print; return the exit status."""
