@@ -61,15 +61,12 @@ def import_file(
         format: One of `FORMATS`.
         columns: Column map of a CSV file.
         most_states: More than these are refused before they fill the memory.
-        road: Map of a CSV file: CommonRoad XML, Lanelet2 OSM or a recording; its lanes give
-            standing vehicles their heading.
+        road: Map of a CSV file; its lanes give standing vehicles their heading.
         error: Standard errors of measurement; by default the column map's, or those assumed.
-        origin: Latitude and longitude of the origin of a CSV file's positions, degrees, for a
-            Lanelet2 map.
+        origin: Latitude and longitude of the origin of a CSV file's positions, degrees.
 
     Raises:
-        UserError: If the file can't be read, or most tracks fail in the same way; the line names
-            the file.
+        UserError: If the file can't be read, or most tracks fail alike; the line names the file.
     """
     one_of("format", format, FORMATS)
     if format == "csv":

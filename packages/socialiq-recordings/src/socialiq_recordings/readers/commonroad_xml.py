@@ -87,14 +87,11 @@ class Consumer(Protocol):
 
 
 def read(path: Path, consumer: Consumer) -> str:
-    """Pass a file's elements to a consumer.
-
-    Returns:
-        The file's SHA-256.
+    """Pass a file's elements to a consumer, and return the file's SHA-256.
 
     Raises:
-        UserError: If the file is missing, empty, not XML, declares a document type, or holds
-            an element of excessive size. The line has the file's line.
+        UserError: If the file is missing, empty, not XML, declares a document type, or holds an
+            element of excessive size. The line has the file's line.
     """
     digest = hashlib.sha256()
     stream = _Stream(path, consumer)

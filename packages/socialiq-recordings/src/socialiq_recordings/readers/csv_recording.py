@@ -35,9 +35,8 @@ def read_csv(
     The lanes of a road give standing vehicles their heading. `stated` is added to the provenance.
 
     Raises:
-        UserError: If a file is missing, empty, lacks a column or has more rows than `most_states`,
-            more than half of its rows have a fault, or no track can be used; the line has the row
-            or the id.
+        UserError: If a file is missing, empty, lacks a column or has too many rows, more than half
+            of its rows have a fault, or no track can be used; the line has the row or the id.
     """
     table = Table(path, columns.separator, most_states)
     texts, whole = frozenset({"recording", "class"}), frozenset({"id", "frame"})

@@ -44,14 +44,11 @@ def read_lanelet2(
     utm_origin: tuple[float, float] | None = None,
     origin: tuple[float, float] | None = None,
 ) -> RoadNetwork:
-    """Read the lanelets of a map that vehicles may drive on; the others are named.
+    """Read the lanelets of a map, OSM XML, that vehicles may drive on; the others are named.
 
-    Args:
-        path: The map, OSM XML.
-        utm_origin: UTM coordinates of the origin of the tracks' frame, m, as a `recordingMeta.csv`
-            of inD has them.
-        origin: Latitude and longitude of that origin, degrees. Without both it is that of
-            `local_x` and `local_y` where all nodes have them, else 0° N 0° E as in INTERACTION.
+    The origin of the tracks' frame is in UTM coordinates, m, as a `recordingMeta.csv` of inD has
+    them, or latitude and longitude, degrees. Without both it is that of `local_x` and `local_y`
+    where all nodes have them, else 0° N 0° E as in INTERACTION.
 
     Raises:
         UserError: If it can't be read, holds no such lanelet, or lanelet2 is not installed.

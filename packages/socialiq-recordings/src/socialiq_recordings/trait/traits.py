@@ -4,14 +4,11 @@ A driver takes the candidate a of a decision s with probability
 
     p(a | s) proportional to p_base(a | s) exp(w_env r_env(s, a) + w_social r_social(s, a)).
 
-A trait is a curve in the plane of the weights. Every driver is somewhere on it, all drivers share
-one more number, and the drivers' places follow a population of some mean and spread. So all traits
-have the same freedom, and without spread they are the same model.
-
-A grid must be finer than what the data determine: where it is coarser, a population of some spread
-can come closer to drivers who are all alike than any point of the grid, and differences between
-drivers are found that aren't there. `Trait.narrowed` lays the same number of points over the part
-of a grid that the data leave.
+A trait is a curve in the plane of the weights. All drivers share one more number, and their places
+on the curve follow a population of some mean and spread. So all traits have the same freedom. A
+grid must be finer than what the data determine (`Trait.narrowed`): on a coarser one a population of
+some spread can come closer to drivers who are all alike than any point, and differences are found
+that aren't there.
 """
 
 from __future__ import annotations

@@ -48,14 +48,11 @@ def simulate(built: Made, seed: int, repeats: int = 1) -> Observed:
 
 
 def contacts(built: Made, seed: int, repeats: int = 1) -> Row:
-    """Return how many pairs of simulated vehicles drive through each other.
+    """Return the number of simulated `vehicles`, and of `pairs_in_contact` that overlap.
 
     No vehicle of these simulations is an ego, whose contacts alone end episodes. Vehicles are
-    smaller by the world's `slack` than recorded, as for an ego.
-
-    Returns:
-        `vehicles`, those simulated in all repeats; `pairs_in_contact` of them; `deepest_contact`
-        of two rectangles, m.
+    smaller by the world's `slack` than recorded, as for an ego. `deepest_contact` is of two
+    rectangles, m.
     """
     vehicles, pairs, deepest = 0, 0, 0.0
     for _, tracks, _ in _simulated(built, seed, repeats):

@@ -79,12 +79,8 @@ def train_with_practice(
     """Train dials on demonstrations of a world, and again after each round of practice there.
 
     Each training begins with new weights, and each run practises on episodes of its own.
-    `callbacks` gets the number of practised rounds and the name of a stage; `chunk` is the number
-    of updates between two calls of what it returns.
-
-    Raises:
-        UserError: As `learners.dial.offline.train`.
-        Stopped: On Ctrl-C.
+    `callbacks` gets the number of practised rounds and the name of a stage, each `chunk` updates.
+    Raises as `learners.dial.offline.train`.
     """
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
 

@@ -239,11 +239,7 @@ def path_of_signature(policy: Path) -> Path:
 
 
 def sign_model(policy: Path, key: Path) -> bytes:
-    """Return the signature of a policy's file, in the format of OpenSSF Model Signing.
-
-    The private key is one of an elliptic curve, a PEM file; the format knows no Ed25519. The extra
-    `signing` has the library: https://github.com/sigstore/model-transparency.
-    """
+    """Return a P-256 key's signature of a policy's file, in the format of OpenSSF Model Signing."""
     config = _library("signing").Config()
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / "signature"

@@ -34,15 +34,10 @@ def driver_of(
     allow_code: bool = False,
     seed: int = 0,
 ) -> Loaded:
-    """Return a driver of a world, with its record.
+    """Return a driver of a world, with its record; a dial's angle in degrees is 0 by default.
 
-    Args:
-        name: Of a rule, of a policy of the atlas (with or without `atlas:`), or as of
-            `load_policy`; a file may take the time too.
-        world: The road or gridworld.
-        angle: Of a dial, in degrees; None is 0.
-        allow_code: As of `load_policy`.
-        seed: Seed of the random driver.
+    The name is of a rule (`seed` is of the random one), of a policy of the atlas (with or without
+    `atlas:`), or as of `load_policy`; a file may take the time too.
     """
     if name in world.drivers:
         return rule_of(name, world, seed)

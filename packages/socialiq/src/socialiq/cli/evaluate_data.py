@@ -23,13 +23,9 @@ ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 
 
 def evaluate_data(command: Any, policies: Sequence[str], data: Path) -> int:
-    """Evaluate and print; what the data can't support is said on standard error.
+    """Evaluate policies of a command on a file of demonstrations, and print.
 
-    Args:
-        command: Has soft (whether policies draw from softmax(Q/τ)), seed (of the bootstrap),
-            allow_code (whether a Python module may be imported) and json.
-        policies: Policy files, or python:MODULE:ATTRIBUTE.
-        data: Demonstrations file.
+    What the data can't support is said on standard error.
     """
     logged = Logged.of(files.load(data))
     evaluator = Evaluator(logged, resamples=200, seed=command.seed)

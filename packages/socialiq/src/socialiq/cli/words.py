@@ -219,13 +219,7 @@ Complaint = Callable[[list[str]], str]
 
 
 def mistake(program: str, line: list[str], complaint: Complaint) -> UserError:
-    """Return a mistake of the parser in one line.
-
-    Args:
-        program: The command, as it is called.
-        line: The command line after the command's name.
-        complaint: The parser's message.
-    """
+    """Return a mistake of the parser in one line; `line` is what follows the program's name."""
     # The first row is the title. Without a box, as in an ASCII locale, a rule is below it.
     page = [row for row in complaint(line).splitlines()[1:] if row[:1] not in ("╰", "+")]
     rows = [_EDGE.sub(" ", row).rstrip() for row in page]
@@ -278,13 +272,7 @@ def _missing(program: str, line: list[str], rows: list[str], complaint: Complain
 
 
 def unknown_option(program: str, words: Sequence[str], options: Sequence[str]) -> UserError | None:
-    """Return the mistake of the first option that a command doesn't have, or None.
-
-    Args:
-        program: The command, as it is called.
-        words: The command line after the command's name.
-        options: The command's options, without their dashes.
-    """
+    """Return the mistake of the first option that a command doesn't have, or None."""
     for word in words:
         name = word.removeprefix("--").partition("=")[0].replace("_", "-")
         if not word.startswith("--") or not name or name in (*options, "help"):

@@ -289,13 +289,7 @@ def plain_actions(values: Any) -> Shaped[np.ndarray, "row ..."]:
 def actions_of(
     values: Any, n_actions: int, bounds: Bounds | None
 ) -> Shaped[np.ndarray, "row ..."] | Float32[np.ndarray, "row size"]:
-    """Return the column of actions of a table: int32, or float32 vectors in [-1, 1].
-
-    Args:
-        values: The actions.
-        n_actions: Number of discrete actions; 0 for continuous ones.
-        bounds: Ends of continuous actions in their units; None if they are -1 and 1.
-    """
+    """Return the column of actions of a table: int32, or float32 vectors in [-1, 1]."""
     actions = plain_actions(values)
     if n_actions and actions.ndim == 2:
         raise UserError(

@@ -88,12 +88,8 @@ def of_trajectories(
 def read_trajectories(path: Path, *, mode: str = "demonstrator", **options: Any) -> Demonstrations:
     """Read a file of trajectories: `imitation`'s archive (.npz), or one row for each step.
 
-    Args:
-        path: .npz with the arrays of `condensed`; or .csv or .parquet with the columns of `ROWS`:
-            `trajectory` numbers the trajectories, `terminal` is set in the last row of one that
-            has an end.
-        mode: Name of the demonstrator.
-        options: n_actions, bounds, social, time_limit and flatten, as of `of_trajectories`.
+    A .csv or .parquet has the columns of `ROWS`: `trajectory` numbers the trajectories, `terminal`
+    is set in the last row of one that has an end. Further options are those of `of_trajectories`.
 
     Raises:
         UserError: If the file is missing or damaged, or an array or column is missing or wrong.
@@ -157,11 +153,7 @@ def _by_trajectory(rows: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
 
 
 def condensed(arrays: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the trajectories of `imitation`'s older archive, which has them end to end.
-
-    `indices` has the first step of each but the first. The archive's `infos` are pickled and never
-    read, so its time limits are known by `time_limit` alone.
-    """
+    """Return the trajectories of `imitation`'s older archive; its pickled infos aren't read."""
     missing = [name for name in ("obs", "acts", "terminal", "indices") if name not in arrays]
     if missing:
         raise UserError(f"no {', '.join(missing)}: save obs, acts, terminal and indices")

@@ -1,16 +1,14 @@
 """Mixtures of demonstrators in one set: whole episodes, drawn without replacement.
 
-The thesis mixes "equal proportions of ... demonstrations" in 5.2 and equal parts of
-"transitions" in 6.3. These are different data sets wherever modes differ in how long they take.
-A learner samples transitions, so under equal trajectories the slow mode weighs most: in the 7x7
-world, whose altruistic expert waits, 77 % of the transitions are then altruistic, and the
-unregularised policy turns altruistic; under equal transitions it doesn't
-(docs/reproduction/grid.md). Each interpretation is a function here and none is the default.
+The thesis mixes "equal proportions of ... demonstrations" in 5.2 and equal parts of "transitions"
+in 6.3. These differ wherever modes differ in how long they take, since a learner samples
+transitions: in the 7x7 world, whose altruistic expert waits, 77 % of the transitions of equal
+trajectories are altruistic (docs/reproduction/grid.md). Each interpretation is a function here and
+none is the default.
 
-Pools map a mode's name to demonstrations of that mode alone. The episodes of a pool are drawn as
-a beginning of one seeded order, so a larger draw contains a smaller one of the same seed. The
-result holds the pools one after another, in the mapping's order, under all their mode names. A pool
-that is too small is refused by a line with both numbers.
+Pools map a mode's name to demonstrations of that mode alone. The episodes of a pool are a beginning
+of one seeded order, so a larger draw contains a smaller one of the same seed. The result holds the
+pools in the mapping's order, under all their mode names. A pool that is too small is refused.
 """
 
 from __future__ import annotations
@@ -72,16 +70,7 @@ def weighted(
 def contaminated(
     pools: Pools, base: str, contaminant: str, share: float, episodes: int, seed: int
 ) -> Demonstrations:
-    """Mix one mode with a share of another, the malicious case of thesis 1 and 8.3.
-
-    Args:
-        pools: Of these and other modes, which stay unused.
-        base: The mode that is contaminated.
-        contaminant: The mode that contaminates it.
-        share: Share of the contaminant's episodes, in [0, 1].
-        episodes: Number of episodes in all.
-        seed: Seed of the draw.
-    """
+    """Mix a mode with a share of another, in [0, 1]: the malicious case of thesis 1 and 8.3."""
     one_of("mode", base, list(pools))
     one_of("mode", contaminant, list(pools))
     if base == contaminant:

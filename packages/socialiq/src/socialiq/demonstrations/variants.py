@@ -76,15 +76,10 @@ def with_images(data: Demonstrations, symmetry: Symmetry) -> Demonstrations:
 def with_absorbing_states(data: Demonstrations, stay: int = 1) -> Demonstrations:
     """Return the same episodes, with terminal states as absorbing ones (Kostrikov et al. 2019).
 
-    As `worlds.wrapper.AbsorbingStates` would have given them.
-
-    Observations get a last number, 1 in the absorbing state, where the others are 0. A transition
-    into a terminal state leads there, and rows in which it is not left follow, with the action
-    before, no reward, and a timeout at their end.
-
-    Args:
-        data: Demonstrations.
-        stay: Rows in the absorbing state after each such episode, at least 1.
+    As `worlds.wrapper.AbsorbingStates` would have given them: observations get a last number, 1 in
+    the absorbing state, where the others are 0. A transition into a terminal state leads there, and
+    `stay` rows in which it is not left follow, with the action before, no reward, and a timeout at
+    their end.
     """
     if stay < 1:
         raise UserError(f"stay must be at least 1, got {stay}")

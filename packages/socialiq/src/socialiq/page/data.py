@@ -128,13 +128,9 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class PageDial:
-    """A dial: its file, the whole angles that the page turns to, its trade-off curve, its source.
+    """A dial: its file, the whole angles that the page turns to, its curve, its source in words."""
 
-    The name says what it was rewarded for. The source is plain text: sentences on where the dial
-    and its curve come from.
-    """
-
-    name: str
+    name: str  # what it was rewarded for
     file: bytes
     low: int
     high: int
@@ -143,11 +139,7 @@ class PageDial:
 
 
 def shipped_dial() -> PageDial:
-    """Return the dial of the committed study.
-
-    Raises:
-        UserError: If the package was installed without the committed results.
-    """
+    """Return the dial of the committed study; `UserError` without the committed results."""
     folder = packaged_results() / STUDY
     with open_csv(folder / "policies.csv") as text:
         rows = [row for row in csv.DictReader(text) if row["family"] == FAMILY]

@@ -41,19 +41,16 @@ def model_card(
     evaluation: Mapping[str, Any] | None = None,
     evaluated_by: str = "",
 ) -> str:
-    """Return a card in Markdown.
+    """Return a card in Markdown of a policy, whose provenance has the angle and the procedure.
 
     Args:
-        policy: The policy; its provenance has the angle and the procedure.
+        policy: The policy.
         name: Its name.
         training: Further records of its training: the content of `run.json`, or its entry in the
             atlas' manifest. Only `data`, `inputs`, `world`, `versions`, `made_by` and `options`
             count.
         evaluation: One flat object of names and numbers, as `socialiq evaluate --json` prints it.
         evaluated_by: Origin of the evaluation, in words.
-
-    Raises:
-        UserError: If the evaluation is not such an object.
     """
     facts, measured = dict(training or {}), _measured(evaluation)
     record = dict(policy.provenance)
@@ -86,15 +83,7 @@ def card_materials(
     training: Mapping[str, Any] | None = None,
     evaluation: Mapping[str, Any] | None = None,
 ) -> bytes:
-    """Return the facts of a card as a bill of materials, CycloneDX 1.7.
-
-    Args:
-        policy: The policy.
-        name: Its name.
-        file_sha256: SHA-256 of its file, if it has one of its own.
-        training: As for `model_card`.
-        evaluation: As for `model_card`.
-    """
+    """Return the facts of a card as a bill of materials, CycloneDX 1.7; see `model_card`."""
     facts, measured = dict(training or {}), _measured(evaluation)
     data = [*_rows(facts.get("data"), "data"), *_rows(facts.get("inputs"), "inputs")]
     rows = [(key, str(value)) for key, value in _details(policy, facts) if value != BLANK]
@@ -263,17 +252,8 @@ def bill_of_materials(
 ) -> bytes:
     """Return a bill of materials of one policy, of the facts that are known.
 
-    Args:
-        name: Name of the policy.
-        version: Version of socialiq that wrote it.
-        file_sha256: SHA-256 of the policy's file, if it is one file.
-        architecture: Architecture of the network.
-        inputs: Form of an observation.
-        outputs: Form of an action.
-        data: Facts about the training data.
-        metrics: Measured numbers.
-        limits: Known limitations, as sentences.
-        properties: Further facts, by names of this package's own ("socialiq:...").
+    `version` is that of socialiq, `file_sha256` of the policy's file, if it is one; `limits` are
+    sentences, `properties` further facts by names of this package's own ("socialiq:...").
     """
     parameters: dict[str, Any] = {"task": "choose the action of a vehicle for an observation"}
     parameters |= {"modelArchitecture": architecture} if architecture else {}

@@ -95,13 +95,9 @@ def hash_files(
 ) -> CodeHash:
     """Hash words, and files and folders with their paths; each part is preceded by its length.
 
-    Args:
-        words: Words of the specification, in their order.
-        labelled: Files and folders, each with the word that names it.
-        copies: Folder for a copy of the bytes that are hashed, readable by all users.
-
-    Raises:
-        UserError: If a file can't be read, a folder has too many files, or a link leaves it.
+    Each file or folder comes with the word that names it. A folder for `copies` gets the bytes that
+    are hashed, readable by all users. `UserError` if a file can't be read, a folder has too many
+    files, or a link leaves it.
     """
     digest, files, size, paths = hashlib.sha256(), 0, 0, {}
     for word in words:
@@ -235,18 +231,12 @@ def _tried(program: str) -> Isolation:
 def sandboxed(
     command: Sequence[str], covered: CodeHash, program: str = _PROGRAM, library: bool = False
 ) -> list[str]:
-    """Return the command that runs a command in a sandbox.
+    """Return the command that runs a command in a sandbox, which sees the covered files' copies.
 
-    The user root of the system runs it as a user without rights, of a number that no other has;
-    any other user in a namespace of its own. In both the number of processes is limited (the
-    latter from Linux 5.14 on). A version manager's shim, which needs files of the manager, is
-    refused.
-
-    Args:
-        command: Program and arguments; its program is found outside of the sandbox.
-        covered: Files and folders whose copies it sees, at their paths.
-        program: Path of bubblewrap.
-        library: Whether it sees this library, with which it could compute the best answers.
+    The user root of the system runs it as a user without rights, of a number that no other has; any
+    other user in a namespace of its own. In both the number of processes is limited (the latter
+    from Linux 5.14 on). With `library` it sees this library, with which it could compute the best
+    answers. A version manager's shim, which needs files of the manager, is refused.
     """
     first = Path(shutil.which(command[0]) or command[0]).absolute()
     if first.parent.name == "shims":

@@ -35,18 +35,10 @@ _ACTIONS = "actions"
 
 
 def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
-    """Load a policy from the bytes of an ONNX file.
+    """Return a policy from the bytes of an ONNX file, called `source` in messages, and details.
 
     Its input is float32, (batch, ...), the batch free or 1; its output is a score for each action,
     of which it always takes the best, or the action itself; of several that named "actions".
-
-    Args:
-        content: The file.
-        source: Its name in messages.
-        world: The interface that the policy must have.
-
-    Returns:
-        The policy, and details from the file.
 
     Raises:
         UserError: If the file is damaged, does more than `onnx_graph` allows, or is made for
@@ -265,11 +257,7 @@ _NAMES |= {id(_MODEL): "model", id(_NODE): "node"}
 
 
 def check_fields(content: bytes, source: str) -> None:
-    """Refuse a file with unknown or too many fields; cheap in time and memory.
-
-    Raises:
-        UserError: At the first such field, or where the file is damaged.
-    """
+    """Refuse a damaged file, and one with unknown or too many fields; cheap in time and memory."""
     try:
         count, waiting = 0, [(_MODEL, 0, len(content))]
         while waiting:

@@ -115,12 +115,7 @@ class Child:
             os.set_blocking(stream, False)
 
     def exchange(self, line: bytes, seconds: float, most: int) -> bytes:
-        """Send a line and wait for the one that answers it.
-
-        Args:
-            line: Ended by a newline.
-            seconds: Until the child is killed.
-            most: Bytes that the answer may have.
+        """Send a line and wait for the one that answers it, of at most `most` bytes.
 
         Raises:
             UserError: If the child answers late, too much or not at all; it is killed then.
@@ -215,11 +210,8 @@ def start_process(
 ) -> tuple[BatchPolicy, dict[str, Any], Child]:
     """Start a policy's process and exchange the first message; no shell is used.
 
-    Returns:
-        The policy, its own details, and the process, which must be closed.
-
-    Raises:
-        UserError: If it can't be started, doesn't speak the protocol, or is made for another world.
+    Returns the policy, its own details, and the process, which must be closed. `UserError` if it
+    can't be started, doesn't speak the protocol, or is made for another world.
     """
     limits.check()
     child = Child(command, source, limits.memory)

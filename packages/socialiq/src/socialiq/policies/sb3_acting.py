@@ -58,17 +58,10 @@ class SoftNormalised(Normalised):
 
 
 def normalised(policy: Policy, content: bytes, n_features: int, source: str) -> Policy:
-    """Return a policy with its normalisation.
+    """Return a policy with its normalisation; `UserError` if the numbers can't be statistics.
 
-    Args:
-        policy: Policy of the normalised observations.
-        content: JSON object with mean and var (one number a feature), epsilon and clip_obs, by the
-            names of `VecNormalize`; or `{"norm_obs": false}`.
-        n_features: Length of an observation.
-        source: The file's name in messages.
-
-    Raises:
-        UserError: If the numbers can't be statistics.
+    The content is a JSON object with mean and var (one number a feature), epsilon and clip_obs, by
+    the names of `VecNormalize`; or `{"norm_obs": false}`. `source` is the file's name in messages.
     """
     refusal = UserError(
         f"{source}: {STATISTICS} is no object of mean and var, {n_features} finite numbers each, "

@@ -31,22 +31,14 @@ _CLIP_MEAN = 2.0
 def read_sb3(
     content: bytes, source: str, world: Interface, statistics_beside: str = ""
 ) -> tuple[Policy, dict[str, Any]]:
-    """Load a policy from the bytes of a zip.
+    """Return a policy from the bytes of a zip, called `source` in messages, and details.
 
     If deterministic, it takes the best action, as `predict` of Stable-Baselines3 does. Otherwise a
-    DQN explores at the rate that it had when it was saved, and PPO and A2C draw from the softmax
-    over their outputs. With continuous actions it draws from the policy's Gaussian, if it has one,
-    which with gSDE it has not; actions are in [-1, 1], the ends being the bounds of the action
-    space. Statistics of `VecNormalize` are numbers in the member vecnormalize.json.
-
-    Args:
-        content: The file.
-        source: Its name in messages.
-        world: The interface that the policy must have.
-        statistics_beside: Name of a file of `VecNormalize` beside this one, if there is one.
-
-    Returns:
-        The policy, and details from the file.
+    DQN explores at its saved rate, PPO and A2C draw from the softmax over their outputs, and
+    continuous actions from the policy's Gaussian, if it has one, which with gSDE it has not.
+    Continuous actions are in [-1, 1], the ends being the bounds of the action space. Statistics of
+    `VecNormalize` are numbers in the member vecnormalize.json; a file of them beside the zip is
+    refused by its name.
 
     Raises:
         UserError: If the file is damaged, holds another kind of policy, or one for another world.

@@ -29,14 +29,7 @@ RECORDED = ("socialiq data world", "ego swap")
 
 
 class Replay:
-    """Episodes of a table, as the page shows them.
-
-    Args:
-        path: A file of demonstrations.
-
-    Raises:
-        UserError: If it is damaged, or of another world.
-    """
+    """Episodes of a file of demonstrations of the intersection, as the page shows them."""
 
     def __init__(self, path: Path) -> None:
         self._table = table = files.load(path)
@@ -127,11 +120,7 @@ class Replay:
 
 
 def demonstrations_view(path: Path) -> View:
-    """Return a file of demonstrations as content of the page.
-
-    Raises:
-        UserError: If it is damaged, or not of the intersection.
-    """
+    """Return a file of demonstrations of the intersection as content of the page."""
     replay = Replay(path)
     modes = replay.modes()
     count = sum(mode["episodes"] for mode in modes)
@@ -175,11 +164,7 @@ _FAR = 1e6
 def scenes_of(
     observations: Float32[np.ndarray, "time feature"], seconds: float
 ) -> list[list[list[float | int]]]:
-    """Return the vehicles of the ego's observations, so many seconds apart; a clock is ignored.
-
-    By time, there is a row for each vehicle, the ego first: x, y in m, heading in rad, speed in
-    m/s, and a number that the same vehicle keeps.
-    """
+    """Return x, y in m, heading in rad, speed in m/s and a lasting number, by time and vehicle."""
     rows = len(FEATURES) * (observations.shape[1] // len(FEATURES))
     before, names, scenes = np.empty((0, 7)), np.empty(0, int), []
     next_name = 0

@@ -41,13 +41,7 @@ _OF_RECORDINGS = "socialiq_recordings.view:recording_view"
 
 
 def opened(what: str, angle: float | None, trust: Trust) -> View:
-    """Return a policy or a file as content of the page.
-
-    Args:
-        what: Folder of an audit, file of demonstrations or of recorded traffic, or a policy as
-            `audit.request.resolve_policy` takes it.
-        angle: Angle of a dial at the start, degrees; None unless the user gave one.
-        trust: Permissions of a policy that is code.
+    """Return a policy or a file as content of the page; the angle of a dial is in degrees.
 
     Raises:
         UserError: If it can't be read, is of another world, or an angle is given that has no use.
@@ -81,11 +75,7 @@ def opened(what: str, angle: float | None, trust: Trust) -> View:
 
 
 def audit_view(folder: Path) -> View:
-    """Return an audit as content of the page: its episodes, the worst first, and all drivers.
-
-    Raises:
-        UserError: If its report can't be read, or has no episode of the intersection.
-    """
+    """Return an audit as content of the page: its episodes, the worst first, and all drivers."""
     report = read_report(folder / REPORT)
     verdict, declared = report["verdict"], report["declaration"]
     scenario = declared["scenario"]
@@ -147,13 +137,7 @@ MOST_ROWS = 64
 
 
 class PolicyDecider:
-    """Decisions of one policy, or of a dial at the angle that the page asks for.
-
-    Arguments are those of `policy_view`.
-
-    Raises:
-        UserError: If it can't be read, or is made for another world.
-    """
+    """Decisions of one policy, or of a dial at the angle that the page asks for."""
 
     def __init__(self, spec: str, angle: float, trust: Trust) -> None:
         self._spec, self._trust = spec, trust
@@ -172,12 +156,9 @@ class PolicyDecider:
     def decide(self, question: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the `actions` of some observations, one for each.
 
-        Args:
-            question: `observations`, rows of the world's features; `decisions`, how many each
-                episode has had; and `angle` in degrees, of a dial.
-
-        Raises:
-            UserError: If the question is malformed, the policy fails, or has no such angle.
+        The question has `observations`, rows of the world's features; `decisions`, how many each
+        episode has had; and `angle` in degrees, of a dial. `UserError` if it is malformed, or the
+        policy fails.
         """
         n_features = self._world.n_features
         unknown = UserError("the page asked in a way that is not known: reload it")
@@ -209,16 +190,7 @@ class PolicyDecider:
 
 
 def policy_view(spec: str, angle: float, trust: Trust) -> View:
-    """Return a policy as content of the page.
-
-    Args:
-        spec: Policy, as `resolve_policy` takes it.
-        angle: Angle of a dial at the start, degrees.
-        trust: Permissions of a policy that is code.
-
-    Raises:
-        UserError: If it can't be read, or is made for another world.
-    """
+    """Return a policy, as `resolve_policy` takes it, as content of the page."""
     decider = PolicyDecider(spec, angle, trust)
     record = decider.loaded.record
     name = one_line(spec if ":" in spec else Path(spec).name, 60)

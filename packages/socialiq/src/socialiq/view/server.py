@@ -37,13 +37,7 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 
 class Guard:
-    """An ASGI application that passes on what its own page asks, and refuses all else.
-
-    Args:
-        app: The application; its paths lie below the token.
-        port: Port at which the server listens.
-        token: Token of the address.
-    """
+    """An ASGI application that passes on what its own page asks, and refuses all else."""
 
     def __init__(self, app: App, port: int, token: str) -> None:
         self._app, self._token = app, token
@@ -179,13 +173,9 @@ def bound(port: int) -> socket.socket:
 
 
 def application(view: View | None, port: int, token: str) -> App:
-    """Return the ASGI application that shows something, and refuses what the page did not ask.
+    """Return the ASGI application that shows a view, or the page of the shipped dial alone.
 
-    Without a view it is the page of the shipped dial alone. It listens at the port, below the token
-    in its address.
-
-    Raises:
-        UserError: If the extra `web` is not installed.
+    It refuses what the page did not ask. It listens at the port, below the token in its address.
     """
     applications = optional("starlette.applications", "web", "view")
     responses = optional("starlette.responses", "web", "view")
@@ -265,12 +255,7 @@ HEADER_SECONDS = 10.0
 
 
 def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
-    """Serve until Ctrl-C.
-
-    Args:
-        view: What is shown; None for the page of the shipped dial alone.
-        port: Port at 127.0.0.1; 0 takes a free one.
-        opened: Called with the address once the server listens.
+    """Serve a view, or the page of the shipped dial alone, until Ctrl-C; `opened` gets the address.
 
     Raises:
         UserError: If the extra `web` is not installed, or the port is taken.

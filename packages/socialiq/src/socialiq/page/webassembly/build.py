@@ -26,10 +26,7 @@ from socialiq.worlds.intersection.options import Options, buffers_of
 
 
 def entry_of(options: Options) -> Callable[..., None]:
-    """Return the function to compile: pointers to arrays in the place of arrays.
-
-    The options give the arrays' shapes; all others are in the settings.
-    """
+    """Return the function to compile: pointers to arrays, whose shapes follow from the options."""
     # Not from the cache of the native one.
     run: Any = numba.njit(step.run.py_func, error_model="numpy")
     capacity, frames = options.capacity, options.frames

@@ -24,14 +24,10 @@ _COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")
 
 
 def layout(options: Options) -> dict[str, Any]:
-    """Return what a program that loads the core has to know, JSON-compatible.
+    """Return what a program that loads the core has to know of a scenario, JSON-compatible.
 
-    Args:
-        options: Scenario; its settings are part of the result, as base64.
-
-    Returns:
-        `records`: size and fields (type, offset) of each kind of record; `arrays`: name, type and
-        shape of a row, in the order of the entry point's arguments; `settings`; names and numbers.
+    `records`: size and fields (type, offset) of each kind of record; `arrays`: name, type and shape
+    of a row, in the order of the entry point's arguments; `settings`, as base64; names and numbers.
     """
     buffers = buffers_of(options, 1, traced=True)
     arrays = [
