@@ -20,16 +20,8 @@ from jaxtyping import Bool, Float64, Int64
 from socialiq.errors import UserError
 from socialiq.physics import ballistic, wrapped
 from socialiq.types import Row
+from socialiq_recordings.conflicts import ways as motion
 from socialiq_recordings.conflicts.encounters import Area, Encounters
-from socialiq_recordings.conflicts.ways import (
-    Way,
-    apart,
-    follower,
-    frames_together,
-    leader,
-    on_way,
-    projected,
-)
 from socialiq_recordings.identity.identify import Identified, tracks_kept
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, Sign
@@ -254,7 +246,7 @@ class _Seen:
         frames = range(way.first, way.last - step + 1, step)
         partners = []
         for number, partner in self.ways.items() if len(frames) else ():
-            if number != track and len(frames_together(way, partner)):
+            if number != track and len(motion.frames_together(way, partner)):
                 area = self.encounters.area(track, number)
                 partners += [] if area is None else [(partner, area)]
         junction_of, before, entries = self.scene.lanes.junction_of, None, []
@@ -266,8 +258,11 @@ class _Seen:
         junctions, rows = np.array(entries), []
         for frame in frames:
             along, speed = way.state(frame)
-            vehicles = on_way(self.scene, way, frame, self.encounters.config.slack)
-            ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
+            vehicles = motion.on_way(self.scene, way, frame, self.encounters.config.slack)
+            ahead, behind = (
+                motion.leader(way, along, vehicles),
+                motion.follower(way, along, vehicles),
+            )
             front = along + way.length / 2
             to_junction = junctions[junctions > front] - front
             then = frame + round(HORIZON / self.dt)
@@ -293,7 +288,9 @@ class _Seen:
             rows.append(row | self._conflict(way, frame, partners))
         return rows
 
-    def _conflict(self, way: Way, frame: int, partners: list[tuple[Way, Area]]) -> Row:
+    def _conflict(
+        self, way: motion.Way, frame: int, partners: list[tuple[motion.Way, Area]]
+    ) -> Row:
         """Return the conflict whose later vehicle arrives first, at the speeds of the frame."""
         soonest_partner, soonest = None, math.inf
         for partner, area in partners:
@@ -305,8 +302,8 @@ class _Seen:
             return _NO_AREA
         partner, area = soonest_partner
         along, speed = partner.state(frame)
-        vehicles = on_way(self.scene, partner, frame, self.encounters.config.slack)
-        ahead = leader(partner, along, vehicles.without(way.track))
+        vehicles = motion.on_way(self.scene, partner, frame, self.encounters.config.slack)
+        ahead = motion.leader(partner, along, vehicles.without(way.track))
         row: Row = {
             "to_area": area.entry[0] - way.length / 2 - way.state(frame)[0],
             "through": area.exit[0] - area.entry[0] + way.length,
@@ -318,14 +315,14 @@ class _Seen:
         }
         return row | {"other_leader_speed": ahead.speed}
 
-    def _arrives(self, way: Way, partner: Way, area: Area, frame: int) -> float:
+    def _arrives(self, way: motion.Way, partner: motion.Way, area: Area, frame: int) -> float:
         """Return the time until the later of two arrives; infinite if they are in no conflict."""
         now, config = frame * self.dt, self.encounters.config
         sides = ((way, area.entry[0], area.exit[0]), (partner, area.entry[1], area.exit[1]))
-        times = [projected(*side, frame) for side in sides]
+        times = [motion.projected(*side, frame) for side in sides]
         arrives = max(occupancy.enters for occupancy in times) - now
         gone = min(occupancy.leaves for occupancy in times) <= now
-        if gone or arrives > SOON or apart(*times) > config.near:
+        if gone or arrives > SOON or motion.apart(*times) > config.near:
             return math.inf
         first = self.encounters.first_in_line
         alone = first(way, area.entry[0], frame, partner.track)
@@ -334,7 +331,7 @@ class _Seen:
         return max(arrives, 0.0) if alone else math.inf
 
 
-def _acceleration(way: Way, frame: int, seconds: float) -> float:
+def _acceleration(way: motion.Way, frame: int, seconds: float) -> float:
     """Return the mean acceleration from a frame to a time after or before it, m/s²; NaN: unseen."""
     then = frame + round(seconds / way.dt)
     if not way.first <= then <= way.last:

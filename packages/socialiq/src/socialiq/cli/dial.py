@@ -10,13 +10,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import (
-    complain_if_it_stands,
-    gridworld_of,
-    observed,
-    refuse_misfit,
-    road_named,
-)
+from socialiq.cli import drivers
 from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
@@ -89,10 +83,10 @@ class Dial(Printing):
             if self.calibrated:
                 calibrated(dial, evaluated).save(self.calibrated, replace=False)
         if isinstance(dial, DialPolicy) and self.world in registry.GRIDWORLDS:
-            world = gridworld_of(self.world, dial)
+            world = drivers.gridworld_of(self.world, dial)
         else:
-            world = road_named(self.world)
-        complain_if_it_stands(str(self.policy), dial, observed(world, dial))
+            world = drivers.road_named(self.world)
+        drivers.complain_if_it_stands(str(self.policy), dial, drivers.observed(world, dial))
         summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
@@ -108,7 +102,7 @@ class Dial(Printing):
 
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation in a gridworld, queried at every degree."""
-        states = gridworld_of(self.world, dial).reachable_part()
+        states = drivers.gridworld_of(self.world, dial).reachable_part()
         evaluated, best = sweep(dial, states, self.readout), Optimum(states)
         regrets = evaluated.regrets(best.attainable)
         names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
@@ -141,8 +135,8 @@ class Dial(Printing):
         The radius of a mixture is that of the episodes that select it.
         """
         check_seed(self.seed)
-        world = road_named(self.world)
-        refuse_misfit(str(self.policy), dial, world)
+        world = drivers.road_named(self.world)
+        drivers.refuse_misfit(str(self.policy), dial, world)
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
         batch = world.batch(min(max(self.episodes, 1), 512))

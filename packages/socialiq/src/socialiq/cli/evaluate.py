@@ -13,14 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import (
-    complain_if_it_stands,
-    dial_of,
-    driver_of,
-    gridworld_of,
-    intersection_named,
-    observed,
-)
+from socialiq.cli import drivers
 from socialiq.cli.output import Display, Printing, listed, print_json, print_table
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
@@ -148,9 +141,9 @@ class Evaluate(Printing):
     def intersection(self, name: str) -> tuple[dict[str, Any], float | None]:
         """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
         readout = "soft" if self.soft else "greedy"
-        size, world = min(SIDE_BY_SIDE, self.episodes), intersection_named(self.world)
+        size, world = min(SIDE_BY_SIDE, self.episodes), drivers.intersection_named(self.world)
         settings = (name, self.world, self.angle, self.allow_code, self.soft, size)
-        with driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
+        with drivers.driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
             if not self.processes:
                 batch, seeds = world.batch(size), np.array(self._seeds)
                 episodes = episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
@@ -162,8 +155,8 @@ class Evaluate(Printing):
                 with Display() as display:
                     report = display.stage("episodes")
                     episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
-            if (dial := dial_of(name)) is not None:
-                complain_if_it_stands(name, dial, observed(world, dial))
+            if (dial := drivers.dial_of(name)) is not None:
+                drivers.complain_if_it_stands(name, dial, drivers.observed(world, dial))
         # With discrete actions the ego follows its lane.
         row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
@@ -178,11 +171,11 @@ class Evaluate(Printing):
         rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 
         def measure(name: str) -> tuple[dict[str, Any], float | None]:
-            with driver_of(name, plain, self.angle, self.allow_code) as loaded:
-                table = gridworld_of(self.world, loaded.record.interface)
+            with drivers.driver_of(name, plain, self.angle, self.allow_code) as loaded:
+                table = drivers.gridworld_of(self.world, loaded.record.interface)
                 states = table.reachable_part()
-                if (dial := dial_of(name)) is not None:
-                    complain_if_it_stands(name, dial, states.observations())
+                if (dial := drivers.dial_of(name)) is not None:
+                    drivers.complain_if_it_stands(name, dial, states.observations())
                 driven = table if self.episodes else states
                 chances = exact.action_table(loaded.policy, driven, readout)
             target = target_of(loaded.record)
@@ -222,8 +215,8 @@ class Evaluate(Printing):
         rollouts = [rollout for rollout, _ in played]
         table = concatenate([rollout.transitions for rollout in rollouts])
         table = replace(table, source=rollouts[0].transitions.source)
-        if (dial := dial_of(policy)) is not None:
-            complain_if_it_stands(policy, dial, table.observation)
+        if (dial := drivers.dial_of(policy)) is not None:
+            drivers.complain_if_it_stands(policy, dial, table.observation)
         speed = np.concatenate([rollout.speed for rollout in rollouts])
         collided = sum(rollout.neighbours_collided for rollout in rollouts)
         return self.sampled(Rollout(table, speed, collided)), target_of(played[0][1])
@@ -251,8 +244,8 @@ def _play_road(
     seeds: np.ndarray,
 ) -> Episodes:
     """Play episodes of a driver at the intersection; `size` of them run side by side."""
-    road = intersection_named(world)
-    with driver_of(driver, road, angle, allow_code) as loaded:
+    road = drivers.intersection_named(world)
+    with drivers.driver_of(driver, road, angle, allow_code) as loaded:
         return episodes_of(road.batch(size), loaded.policy, seeds, deterministic=not soft)
 
 

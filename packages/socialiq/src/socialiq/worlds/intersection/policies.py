@@ -16,17 +16,7 @@ from socialiq.physics import desired_gap
 from socialiq.physics import idm as model
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.options import FEATURES
-from socialiq.worlds.intersection.options import (
-    ACCELERATION_RANGE,
-    ACTIONS,
-    FASTER,
-    IDLE,
-    POPULATIONS,
-    POSITION_RANGE,
-    SLOWER,
-    SPEED_RANGE,
-    Options,
-)
+from socialiq.worlds.intersection import options as scenario
 
 STOP_LINE = 11.0  # m south of the centre
 STOP_BEFORE = 11.0  # m before the stop line at which the stopper begins to brake
@@ -34,12 +24,12 @@ LOOK_FROM = 20.0  # m before the stop line from which gaps are judged
 CONFLICT_REACH = 9.0  # m around the centre that a crossing vehicle must have left or not reached
 SAME_LANE = 1.0  # m to the side of the ego within which a vehicle is on its lane
 
-IDM = POPULATIONS["highway_env"]
+IDM = scenario.POPULATIONS["highway_env"]
 IDM_EXPONENT = 4.0  # m/s; highway-env draws speeds around it
 IDM_GAP = 3.0  # s
 IDM_STEP = 1.0  # s between decisions
 IDM_CONE = 0.17  # of the way ahead, to either side: 10 degrees
-TARGET_SPEEDS = np.array(Options().target_speeds)  # m/s
+TARGET_SPEEDS = np.array(scenario.Options().target_speeds)  # m/s
 
 Seen = Float[np.ndarray, "batch vehicle feature"]
 Rule = Callable[[Seen], Int64[np.ndarray, " batch"] | Float32[np.ndarray, "batch value"]]
@@ -49,8 +39,8 @@ def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
     """Return the vehicles of observations, one row of features each, in m and m/s."""
     shape = len(observation), observation.shape[1] // len(FEATURES), len(FEATURES)
     vehicles = observation.reshape(shape).astype(np.float64)
-    vehicles[..., 1:3] *= POSITION_RANGE
-    vehicles[..., 3:5] *= SPEED_RANGE
+    vehicles[..., 1:3] *= scenario.POSITION_RANGE
+    vehicles[..., 3:5] *= scenario.SPEED_RANGE
     return vehicles
 
 
@@ -78,12 +68,14 @@ class RulePolicy:
 
 def stop_line(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
     """Drive to 11 m before the stop line, then brake and stay."""
-    return np.where(_to_stop_line(vehicles) > STOP_BEFORE, FASTER, SLOWER)
+    return np.where(_to_stop_line(vehicles) > STOP_BEFORE, scenario.FASTER, scenario.SLOWER)
 
 
 def gap(seconds: float) -> Rule:
     """Return a rule that enters when no crossing vehicle is within some seconds of the junction."""
-    return lambda vehicles: np.where(_gives_way(vehicles, seconds), SLOWER, FASTER)
+    return lambda vehicles: np.where(
+        _gives_way(vehicles, seconds), scenario.SLOWER, scenario.FASTER
+    )
 
 
 def idm(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
@@ -100,8 +92,8 @@ def idm(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
     slower, same, faster = (
         TARGET_SPEEDS[(level + change).clip(0, len(TARGET_SPEEDS) - 1)] for change in (-1, 0, 1)
     )
-    held = np.where(target < (slower + same) / 2, SLOWER, IDLE)
-    return np.where(target >= faster, FASTER, held)
+    held = np.where(target < (slower + same) / 2, scenario.SLOWER, scenario.IDLE)
+    return np.where(target >= faster, scenario.FASTER, held)
 
 
 def _idm_speed(vehicles: Seen) -> Float[np.ndarray, " batch"]:
@@ -132,26 +124,30 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
                 _RULES[name](vehicles), [np.zeros_like(speed), speed, TARGET_SPEEDS[-1]]
             )
         chosen = np.zeros((len(vehicles), size), np.float32)
-        chosen[:, 0] = ((target - speed) / IDM_STEP / ACCELERATION_RANGE[1]).clip(-1.0, 1.0)
+        chosen[:, 0] = ((target - speed) / IDM_STEP / scenario.ACCELERATION_RANGE[1]).clip(
+            -1.0, 1.0
+        )
         return chosen
 
     return act
 
 
-def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePolicy:
+def policy(name: str, seed: int = 0, options: scenario.Options | None = None) -> RulePolicy:
     """Return a reference policy of `NAMES`, in a scenario that may have continuous actions."""
     one_of("reference policy", name, NAMES)
     if options is not None and options.continuous:
         return RulePolicy(accelerating(name, options.width, seed))
     rng = np.random.default_rng(seed)
-    rules = _RULES | {"random": lambda vehicles: rng.integers(len(ACTIONS), size=len(vehicles))}
+    rules = _RULES | {
+        "random": lambda vehicles: rng.integers(len(scenario.ACTIONS), size=len(vehicles))
+    }
     return RulePolicy(rules[name])
 
 
 _RULES: dict[str, Rule] = {
-    "go": lambda vehicles: np.full(len(vehicles), FASTER),
-    "idle": lambda vehicles: np.full(len(vehicles), IDLE),  # keep the target speed
-    "wait": lambda vehicles: np.full(len(vehicles), SLOWER),
+    "go": lambda vehicles: np.full(len(vehicles), scenario.FASTER),
+    "idle": lambda vehicles: np.full(len(vehicles), scenario.IDLE),  # keep the target speed
+    "wait": lambda vehicles: np.full(len(vehicles), scenario.SLOWER),
     "stop_line": stop_line,
     "gap_2s": gap(2.0),
     "gap_3s": gap(3.0),

@@ -25,18 +25,8 @@ from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.reference import write_commands, write_motion
+from socialiq.worlds.intersection import options as scenario
 from socialiq.worlds.intersection.core import step, traffic
-from socialiq.worlds.intersection.options import (
-    POPULATIONS,
-    POSITION_RANGE,
-    SPEED_LIMIT,
-    SPEED_RANGE,
-    VEHICLE,
-    ContinuousOptions,
-    Options,
-    Population,
-    settings_of,
-)
 
 try:
     from highway_env.envs.common.action import ContinuousAction
@@ -58,7 +48,7 @@ class Driver(IDMVehicle):
     speed, so that the preference is kept. Subclasses name the population.
     """
 
-    population: ClassVar[Population] = POPULATIONS["highway_env"]
+    population: ClassVar[scenario.Population] = scenario.POPULATIONS["highway_env"]
     desired_speed = math.inf  # until the draw, which follows the construction
     _target_speed = 0.0
 
@@ -90,7 +80,7 @@ class Driver(IDMVehicle):
 
 DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
     name: type(f"Driver_{name}", (Driver,), {"population": population, "__module__": __name__})
-    for name, population in POPULATIONS.items()
+    for name, population in scenario.POPULATIONS.items()
     if name != "highway_env"
 }
 """Class of the other vehicles in each population."""
@@ -102,13 +92,16 @@ contact_of = for_python(kernels.contact_of)
 route_coordinate = for_python(traffic.route_coordinate)
 
 
-def environment_config(options: Options) -> dict[str, Any]:
+def environment_config(options: scenario.Options) -> dict[str, Any]:
     """Return the configuration of highway-env's `IntersectionEnv` for a scenario.
 
     Nested dictionaries are complete, because highway-env replaces them and adds no defaults.
     `flatten` is left out: highway-env accepts the key and ignores it.
     """
-    metres, speed = [-POSITION_RANGE, POSITION_RANGE], [-SPEED_RANGE, SPEED_RANGE]
+    metres, speed = (
+        [-scenario.POSITION_RANGE, scenario.POSITION_RANGE],
+        [-scenario.SPEED_RANGE, scenario.SPEED_RANGE],
+    )
     driver = DRIVERS[options.population]
     action = {"type": "ContinuousAction", "longitudinal": True, "lateral": options.width == 2}
     if not options.continuous:
@@ -136,7 +129,8 @@ def environment_config(options: Options) -> dict[str, Any]:
         "spawn_probability": options.spawn_probability,
         "destination": arms[options.destination],
         "controlled_vehicles": 1,
-        "offroad_terminal": isinstance(options, ContinuousOptions) and options.offroad_terminal,
+        "offroad_terminal": isinstance(options, scenario.ContinuousOptions)
+        and options.offroad_terminal,
         "neighbour_vehicles_connected_lanes": options.connected_lanes,
         "other_vehicles_type": f"{driver.__module__}.{driver.__name__}",
     }
@@ -201,11 +195,11 @@ class _WatchedRoad(RegulatedRoad):
 
     def records(self) -> np.ndarray:
         """Return the current vehicles in list order, VEHICLE (vehicles,)."""
-        records = np.zeros(len(self.vehicles), VEHICLE)
+        records = np.zeros(len(self.vehicles), scenario.VEHICLE)
         for row, vehicle in zip(records, self.vehicles, strict=True):
             write_motion(row, vehicle)
             write_commands(row, vehicle)
-            row["target_speed"] = getattr(vehicle, "target_speed", SPEED_LIMIT)
+            row["target_speed"] = getattr(vehicle, "target_speed", scenario.SPEED_LIMIT)
             row["identity"], row["origin"], row["destination"] = self._entries[vehicle]
             row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
             target = getattr(vehicle, "target_lane_index", _ENTRY)
@@ -264,7 +258,7 @@ class HighwayIntersection:
     and spawning: observation, endings and rewards are of that moment.
     """
 
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: scenario.Options) -> None:
         self.environment = _WatchedEnv(config=environment_config(options))
         self.terminated = False  # as highway-env says of the last step
         self.reset()
@@ -304,8 +298,8 @@ class HighwayIntersection:
 class Reference:
     """One highway-env for each row of the buffers, in the place of the core."""
 
-    def __init__(self, options: Options, buffers: roads.Buffers) -> None:
-        self._buffers, self._settings = buffers, settings_of(options)
+    def __init__(self, options: scenario.Options, buffers: roads.Buffers) -> None:
+        self._buffers, self._settings = buffers, scenario.settings_of(options)
         self.rows = [HighwayIntersection(options) for _ in buffers.episodes]
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:

@@ -15,17 +15,8 @@ from socialiq.types import Policy
 from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.options import MAX_SPEED, SKIP
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, State
+from socialiq.worlds.intersection import options as scenario
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.options import (
-    ACCELERATION_RANGE,
-    ACTIONS,
-    FASTER,
-    POPULATIONS,
-    SPEED_LIMIT,
-    Options,
-    buffers_of,
-    settings_of,
-)
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.render import View
@@ -41,7 +32,7 @@ def commands(actions: Float[np.ndarray, "batch value"]) -> list[Float[np.ndarray
     They are computed in highway-env's order of operations and in the actions' own precision;
     float32 rounds differently from float64. Without a second column the wheels stand straight.
     """
-    ranges = zip(actions.T, (ACCELERATION_RANGE, STEERING_RANGE), strict=False)
+    ranges = zip(actions.T, (scenario.ACCELERATION_RANGE, STEERING_RANGE), strict=False)
     held = [low + (values - -1) * (high - low) / (1 - -1) for values, (low, high) in ranges]
     return held if len(held) == 2 else [*held, np.zeros(len(actions))]
 
@@ -56,11 +47,11 @@ class Batch(RoadBatch):
         UserError: If a number is not positive, or highway-env is requested and not installed.
     """
 
-    n_actions, faster = len(ACTIONS), FASTER
+    n_actions, faster = len(scenario.ACTIONS), scenario.FASTER
 
     def __init__(
         self,
-        options: Options,
+        options: scenario.Options,
         size: int,
         threads: int = 1,
         back_end: BackEnd = "core",
@@ -68,9 +59,9 @@ class Batch(RoadBatch):
         effects: EffectOptions | None = None,
     ) -> None:
         one_of("back end", back_end, ("core", "highway_env"))
-        buffers = buffers_of(options, size, traced or effects is not None)
-        super().__init__(options, buffers, settings_of(options), threads, effects)
-        self.options: Options = options
+        buffers = scenario.buffers_of(options, size, traced or effects is not None)
+        super().__init__(options, buffers, scenario.settings_of(options), threads, effects)
+        self.options: scenario.Options = options
         self._real: Any = None
         if back_end == "highway_env":
             if effects is not None:
@@ -127,8 +118,8 @@ class Batch(RoadBatch):
 class Intersection(RoadWorld):
     """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3)."""
 
-    options: Options = field(  # pyright: ignore[reportIncompatibleVariableOverride]  it is frozen
-        default_factory=Options
+    options: scenario.Options = field(  # pyright: ignore[reportIncompatibleVariableOverride]  it is frozen
+        default_factory=scenario.Options
     )
     effects: EffectOptions | None = None
 
@@ -144,7 +135,7 @@ class Intersection(RoadWorld):
     def action_space(self) -> spaces.Discrete | spaces.Box:
         """Space of one action: `n_actions` numbers, or values in [-1, 1]."""
         if not self.options.continuous:
-            return spaces.Discrete(len(ACTIONS))
+            return spaces.Discrete(len(scenario.ACTIONS))
         return spaces.Box(-1.0, 1.0, (self.options.width,), np.float32)
 
     @property
@@ -179,7 +170,7 @@ class Intersection(RoadWorld):
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
         """Return the other populations of drivers, and connected lanes switched the other way."""
-        populations = [name for name in POPULATIONS if name != self.options.population]
+        populations = [name for name in scenario.POPULATIONS if name != self.options.population]
         connected = not self.options.connected_lanes
         sight = "who see across connected lanes" if connected else "who see their own lane only"
         return {
@@ -193,7 +184,7 @@ _INSIDE_TURN = 1.3
 half-width of a lane, 2 m, of its centre (9 / 7)."""
 
 
-def decisions(options: Options) -> int:
+def decisions(options: scenario.Options) -> int:
     """Return the number of decisions until the time is over, counted as the core counts it."""
     time, count = 0.0, 0
     while time < options.duration:
@@ -202,7 +193,7 @@ def decisions(options: Options) -> int:
     return count
 
 
-def largest_progress(options: Options) -> float:
+def largest_progress(options: scenario.Options) -> float:
     """Return the largest value of the signal `progress`, either way.
 
     The ego enters at the speed limit and its speed control doesn't overshoot a target speed, so it
@@ -210,13 +201,13 @@ def largest_progress(options: Options) -> float:
     turn that is more of the route. With continuous actions it drives at most `MAX_SPEED` and what
     a sub-step adds.
     """
-    fastest = max(SPEED_LIMIT, *map(abs, options.target_speeds))
+    fastest = max(scenario.SPEED_LIMIT, *map(abs, options.target_speeds))
     if options.continuous:
-        fastest = MAX_SPEED + ACCELERATION_RANGE[1] / options.simulation_frequency
+        fastest = MAX_SPEED + scenario.ACCELERATION_RANGE[1] / options.simulation_frequency
     return _INSIDE_TURN * fastest / options.policy_frequency / options.progress_unit
 
 
-def env_range(options: Options) -> tuple[float, float]:
+def env_range(options: scenario.Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_env (Eq 4.1), for any driver in any traffic.
 
     Collision and arrival replace the last decision's reward, a timeout adds to it.
@@ -230,7 +221,7 @@ def env_range(options: Options) -> tuple[float, float]:
     return least, max(earlier * high, 0.0) + max(*terminal, high, high + late)
 
 
-def social_range(options: Options) -> tuple[float, float]:
+def social_range(options: scenario.Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_social (Eq 4.2), for any driver in any traffic.
 
     In every decision each other vehicle counts at most once with each of its two signals, which
