@@ -26,6 +26,7 @@ _HOLD = 0.05  # m/s² per unit of a log-parameter; holds what the data don't det
 
 Parameters = Float64[np.ndarray, " parameter"]
 """Logarithms of the parameters `FITTED`."""
+OfMoments = Float64[np.ndarray, " moment"]
 
 
 def literature() -> Parameters:
@@ -49,7 +50,7 @@ def accelerations(
 
 def next_second(
     log_parameters: Float64[np.ndarray, "*some parameter"], situations: Situations
-) -> Float64[np.ndarray, " moment"]:
+) -> OfMoments:
     """Return the mean acceleration of the next second behind a leader that keeps its speed, m/s².
 
     Of one set of parameters, or one for each moment.
@@ -157,12 +158,10 @@ def features(situations: Situations) -> Float64[np.ndarray, "moment feature"]:
     return np.stack([np.asarray(column, np.float64) for column in columns.values()], axis=1)
 
 
-def _near(metres: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, " moment"]:
+def _near(metres: OfMoments) -> OfMoments:
     return np.exp(-np.maximum(metres, 0.0) / _NEAR)
 
 
-def _time(
-    metres: Float64[np.ndarray, " moment"], speed: Float64[np.ndarray, " moment"]
-) -> Float64[np.ndarray, " moment"]:
+def _time(metres: OfMoments, speed: OfMoments) -> OfMoments:
     """Return the time to drive a distance, s; at most `_LONG`, also where nothing is there."""
     return np.clip(np.maximum(metres, 0.0) / np.maximum(speed, 0.1), 0.0, _LONG)

@@ -15,13 +15,16 @@ from jaxtyping import Float64
 
 from socialiq.physics import wrapped
 
+OfPoints = Float64[np.ndarray, " point"]
+Points = Float64[np.ndarray, "point 2"]
+
 
 class Coordinates(NamedTuple):
     """Coordinates of points relative to a line."""
 
-    along: Float64[np.ndarray, " point"]  # distance from the line's start, m; negative before it
-    lateral: Float64[np.ndarray, " point"]  # distance to the left of the line, m
-    heading: Float64[np.ndarray, " point"]  # direction of the line there, rad
+    along: OfPoints  # distance from the line's start, m; negative before it
+    lateral: OfPoints  # distance to the left of the line, m
+    heading: OfPoints  # direction of the line there, rad
 
 
 _MANY, _TOGETHER = 50_000, 50  # pairs of points and segments; points, to compare at once
@@ -45,7 +48,7 @@ def on_segments(
 class Polyline:
     """Polyline through at least two points, with different neighbours."""
 
-    points: Float64[np.ndarray, "point 2"]
+    points: Points
 
     @cached_property
     def steps(self) -> Float64[np.ndarray, "piece 2"]:
@@ -78,9 +81,7 @@ class Polyline:
         heading = np.arctan2(unit[:, 1], unit[:, 0])
         return np.stack([*self.points[:-1].T, *unit.T, low, high, heading, self.starts])
 
-    def coordinates(
-        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
-    ) -> Coordinates:
+    def coordinates(self, x: OfPoints, y: OfPoints) -> Coordinates:
         """Project points on the nearest segment; of equally near segments on the first."""
         blocks, result = [np.arange(len(x))], np.empty((3, len(x)))
         if x.size * len(self.lengths) > _MANY:
@@ -95,9 +96,7 @@ class Polyline:
             result[:, rows] = starts[at[1]] + inside[at], lateral, heading[at[1]]
         return Coordinates(*result)
 
-    def _near(
-        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
-    ) -> Float64[np.ndarray, "8 near"]:
+    def _near(self, x: OfPoints, y: OfPoints) -> Float64[np.ndarray, "8 near"]:
         """Return the segments of which one is the nearest of each of some points."""
         low, high = (np.array([[edge(x)], [edge(y)]]) for edge in (np.min, np.max))
         ends = self.points[:-1].T, self.points[1:].T
@@ -109,9 +108,7 @@ class Polyline:
         near[[0, -1]] = True  # which go on beyond the line
         return self.segments[:, near]
 
-    def points_at(
-        self, along: Float64[np.ndarray, " point"]
-    ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
+    def points_at(self, along: OfPoints) -> tuple[Points, OfPoints]:
         """Return points on the line or its straight extensions, and directions there, rad."""
         piece = np.clip(np.searchsorted(self.starts, along, side="right") - 1, 0, None)
         unit, heading = self.segments[2:4, piece].T, self.segments[6, piece]
@@ -129,9 +126,7 @@ class Arc:
     sense: float  # 1 counter-clockwise, -1 clockwise
     length: float  # m
 
-    def coordinates(
-        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
-    ) -> Coordinates:
+    def coordinates(self, x: OfPoints, y: OfPoints) -> Coordinates:
         """Return polar coordinates, with angles at most half a turn from the start."""
         dx, dy = x - self.x, y - self.y
         turned = wrapped(np.arctan2(dy, dx) - self.phase)
@@ -139,9 +134,7 @@ class Arc:
         heading = wrapped(self.phase + turned + self.sense * np.pi / 2)
         return Coordinates(self.sense * turned * self.radius, lateral, heading)
 
-    def points_at(
-        self, along: Float64[np.ndarray, " point"]
-    ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
+    def points_at(self, along: OfPoints) -> tuple[Points, OfPoints]:
         """Return points on the circle, and directions of its tangent there, rad."""
         turned = self.phase + self.sense * along / self.radius
         points = np.stack([np.cos(turned), np.sin(turned)], axis=1) * self.radius
@@ -153,7 +146,7 @@ _LEAST_POINTS = 8  # of an arc: three points are always on a circle
 _LARGEST_RADIUS = 1000.0  # m; flatter lines are polylines
 
 
-def path_of(points: Float64[np.ndarray, "point 2"]) -> Polyline | Arc:
+def path_of(points: Points) -> Polyline | Arc:
     """Return the line through some points: an arc if they are on a circle, else a polyline."""
     points = points[np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 0])]
     polyline = Polyline(points)

@@ -27,6 +27,10 @@ _BLOCK = 500  # states that are compared at once, which bounds memory
 
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
 """Road users that drive on lanelets; others are neither ego nor neighbour."""
+OfStates = Float64[np.ndarray, " state"]
+OfPairs = Float64[np.ndarray, " pair"]
+Misfits = Float64[np.ndarray, "state lanelet"]
+Numbers = Int64[np.ndarray, " lanelet"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +107,7 @@ class Matcher:
         return Matched((*lanelets, *route[1:]), np.array(places, np.int64), off)
 
     def _cheapest(
-        self, near: Int64[np.ndarray, " lanelet"], misfit: Float64[np.ndarray, "state lanelet"]
+        self, near: Numbers, misfit: Misfits
     ) -> tuple[float, Int64[np.ndarray, " state"]]:
         """Return the distance to which lanelets are needed, m, and the cheapest sequence."""
         if np.isinf(misfit.min(axis=1, initial=np.inf)).any():
@@ -126,16 +130,8 @@ class Matcher:
         return float(least.max()) + GAP, np.array(chosen[::-1])
 
     def _misfits(
-        self,
-        x: Float64[np.ndarray, " state"],
-        y: Float64[np.ndarray, " state"],
-        heading: Float64[np.ndarray, " state"],
-        reach: float,
-    ) -> tuple[
-        Int64[np.ndarray, " lanelet"],
-        Float64[np.ndarray, "state lanelet"],
-        Float64[np.ndarray, "state lanelet"],
-    ]:
+        self, x: OfStates, y: OfStates, heading: OfStates, reach: float
+    ) -> tuple[Numbers, Misfits, Misfits]:
         """Return lanelets, distances from them, m, and misfits; infinite beyond `reach`, m."""
         reach += ROUNDING
         low, high = (np.array([edge(x), edge(y)]) for edge in (np.min, np.max))
@@ -155,10 +151,7 @@ class Matcher:
         return near, metres, misfit
 
     def _positions(
-        self,
-        x: Float64[np.ndarray, " pair"],
-        y: Float64[np.ndarray, " pair"],
-        lanelet: Int64[np.ndarray, " pair"],
+        self, x: OfPairs, y: OfPairs, lanelet: Int64[np.ndarray, " pair"]
     ) -> Float64[np.ndarray, "3 pair"]:
         """Return distances from lanelets, coordinates along them, m, and their headings, rad."""
         result, count = np.empty((3, len(x))), self._count[lanelet]

@@ -13,13 +13,16 @@ from socialiq_recordings.trait.traits import Trait
 
 FOLDS = 20  # most folds of chains
 _BLOCK = 4_000_000  # numbers in one block of products, 32 MB
+Likelihood = Float[np.ndarray, "driver shared value"]
+Marginals = Float[np.ndarray, "driver shared hyper"]
+OfPoints = Float[np.ndarray, " point"]
 
 
 def driver_log_likelihood(
     of_decision: Float[np.ndarray, "decision shared value"],
     driver: Int64[np.ndarray, " decision"],
     drivers: int,
-) -> Float[np.ndarray, "driver shared value"]:
+) -> Likelihood:
     """Return the sum over each driver's decisions of log p(a | s); 0 without a decision.
 
     `driver` is the number of each decision's driver, below the number of drivers.
@@ -32,9 +35,7 @@ def driver_log_likelihood(
     return total
 
 
-def log_marginal(
-    log_likelihood: Float[np.ndarray, "driver shared value"], trait: Trait
-) -> Float[np.ndarray, "driver shared hyper"]:
+def log_marginal(log_likelihood: Likelihood, trait: Trait) -> Marginals:
     """Return log Σ_z p(z | mean, spread) p(decisions | z), a driver's trait integrated out."""
     if not trait.spread.any():
         return log_likelihood[..., trait.population.argmax(axis=1)]  # all drivers at the mean
@@ -67,9 +68,7 @@ class Population(NamedTuple):
 
 
 def population_posterior(
-    log_marginals: Float[np.ndarray, "driver shared hyper"],
-    trait: Trait,
-    counts: Float[np.ndarray, " driver"] | None = None,
+    log_marginals: Marginals, trait: Trait, counts: Float[np.ndarray, " driver"] | None = None
 ) -> Population:
     """Return the posterior of shared number, mean and spread, under an even prior on the grid.
 
@@ -80,9 +79,7 @@ def population_posterior(
     return Population(trait, softmax(total))
 
 
-def driver_posteriors(
-    log_likelihood: Float[np.ndarray, "driver shared value"], population: Population
-) -> Float[np.ndarray, "driver shared value"]:
+def driver_posteriors(log_likelihood: Likelihood, population: Population) -> Likelihood:
     """Return each driver's posterior of its trait, jointly with the shared number.
 
     The population must come from other drivers: otherwise their own evidence would count twice.
@@ -99,7 +96,7 @@ class Inference(NamedTuple):
     fold: Int64[np.ndarray, " driver"]  # number of each driver's fold, a group of chains
     others: tuple[Population, ...]  # from the drivers of the other folds, by fold
     # posterior of each driver, with the population of the other folds as its prior
-    drivers: Float[np.ndarray, "driver shared value"]
+    drivers: Likelihood
 
     def left(
         self, least: float
@@ -121,9 +118,7 @@ class Inference(NamedTuple):
 
 
 def infer(
-    log_likelihood: Float[np.ndarray, "driver shared value"],
-    chain: Int64[np.ndarray, " driver"],
-    trait: Trait,
+    log_likelihood: Likelihood, chain: Int64[np.ndarray, " driver"], trait: Trait
 ) -> Inference:
     """Infer a trait of all drivers; nothing of a driver's own chain is in its population.
 
@@ -141,9 +136,7 @@ def infer(
     return Inference(population_posterior(marginals, trait), fold, without, posterior)
 
 
-def weighted_quantiles(
-    values: Float[np.ndarray, " point"], chance: Float[np.ndarray, " point"], at: tuple[float, ...]
-) -> list[float]:
+def weighted_quantiles(values: OfPoints, chance: OfPoints, at: tuple[float, ...]) -> list[float]:
     """Return quantiles of a distribution on grid points: the first value that reaches the order."""
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(chance[order]) / chance.sum()
@@ -159,9 +152,7 @@ class Direction(NamedTuple):
     high: float  # likewise
 
 
-def direction(
-    angle: Float[np.ndarray, " point"], chance: Float[np.ndarray, " point"], confidence: float
-) -> Direction:
+def direction(angle: OfPoints, chance: OfPoints, confidence: float) -> Direction:
     """Return the circular mean of grid points in degrees, and the interval of equal tails."""
     radians = np.radians(angle)
     mean = float(np.degrees(np.arctan2(chance @ np.sin(radians), chance @ np.cos(radians))))

@@ -28,11 +28,7 @@ from socialiq.worlds.world import World
 
 
 def driver_of(
-    name: str,
-    world: World,
-    angle: float | None = None,
-    allow_code: bool = False,
-    seed: int = 0,
+    name: str, world: World, angle: float | None = None, allow_code: bool = False, seed: int = 0
 ) -> Loaded:
     """Return a driver of a world, with its record; a dial's angle in degrees is 0 by default.
 

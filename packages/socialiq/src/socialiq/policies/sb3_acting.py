@@ -16,6 +16,8 @@ from socialiq.types import Policy
 
 STATISTICS = "vecnormalize.json"
 """Member of the zip with the statistics of `VecNormalize`, which its owner adds."""
+Batch = Float[np.ndarray, "batch feature"]
+Chances = Float[np.ndarray, "batch action"]
 
 
 @dataclass(frozen=True)
@@ -50,9 +52,7 @@ class Normalised:
 class SoftNormalised(Normalised):
     """The same of a policy that gives its probabilities."""
 
-    def probabilities(
-        self, observations: Float[np.ndarray, "batch feature"]
-    ) -> Float[np.ndarray, "batch action"]:
+    def probabilities(self, observations: Batch) -> Chances:
         """Return the probability of each action."""
         return self.policy.probabilities(self.normal(observations))
 
@@ -104,9 +104,7 @@ class EpsilonGreedy:
     epsilon: float
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
-    def probabilities(
-        self, observations: Float[np.ndarray, "batch feature"]
-    ) -> Float[np.ndarray, "batch action"]:
+    def probabilities(self, observations: Batch) -> Chances:
         """Return the probability of each action."""
         best = self.greedy.q_values(observations).argmax(axis=1)
         n_actions = self.greedy.n_actions

@@ -30,6 +30,7 @@ _NEAR = 30.0  # m
 _STANDING = 1.0  # m/s
 _SOON = 3.0  # s, as `evaluation.episodes.CONFLICT_SECONDS`
 _PERCEPTION = 200.0  # m; nothing farther is observed
+Rows = Float64[np.ndarray, " row"]
 
 
 class Feature(NamedTuple):
@@ -173,7 +174,7 @@ def plain_features(world: str) -> int:
 
 def features_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
-) -> dict[str, Float64[np.ndarray, " row"]]:
+) -> dict[str, Rows]:
     """Return the features that a rule reads of observations of its world, without the time.
 
     The time is decisions since the start of each row, if the rule reads it.
@@ -191,7 +192,7 @@ def features_of(
 
 def angles_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
-) -> tuple[Float64[np.ndarray, " row"], Int64[np.ndarray, " row"]]:
+) -> tuple[Rows, Int64[np.ndarray, " row"]]:
     """Return a rule's angle in degrees, and the number of the context, of each observation.
 
     The arguments are those of `features_of`.

@@ -33,6 +33,7 @@ TARGET_SPEEDS = np.array(scenario.Options().target_speeds)  # m/s
 
 Seen = Float[np.ndarray, "batch vehicle feature"]
 Rule = Callable[[Seen], Int64[np.ndarray, " batch"] | Float32[np.ndarray, "batch value"]]
+OfEgos = Float[np.ndarray, " batch"]
 
 
 def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
@@ -96,7 +97,7 @@ def idm(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
     return np.where(target >= faster, scenario.FASTER, held)
 
 
-def _idm_speed(vehicles: Seen) -> Float[np.ndarray, " batch"]:
+def _idm_speed(vehicles: Seen) -> OfEgos:
     """Return the model's speed after `IDM_STEP`, m/s."""
     speed = np.hypot(vehicles[:, 0, 3], vehicles[:, 0, 4])
     acceleration = _idm_acceleration(speed, *_leader(vehicles))
@@ -157,7 +158,7 @@ _RULES: dict[str, Rule] = {
 NAMES = (*_RULES, "random")
 
 
-def _to_stop_line(vehicles: Seen) -> Float[np.ndarray, " batch"]:
+def _to_stop_line(vehicles: Seen) -> OfEgos:
     """Return the metres from the ego to its stop line; negative beyond it."""
     return vehicles[:, 0, 2] - STOP_LINE
 
@@ -181,7 +182,7 @@ def _gives_way(vehicles: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
     return judging & conflict(vehicles, seconds).any(axis=1)
 
 
-def _leader(vehicles: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarray, " batch"]]:
+def _leader(vehicles: Seen) -> tuple[OfEgos, OfEgos]:
     """Return the distance of the nearest leader, infinite if none, and the closing speed."""
     ego = vehicles[:, :1]
     cos, sin = ego[..., 5], ego[..., 6]
@@ -198,11 +199,7 @@ def _leader(vehicles: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarr
     return np.take_along_axis(gaps, nearest, axis=1)[:, 0], closing[:, 0]
 
 
-def _idm_acceleration(
-    speed: Float[np.ndarray, " batch"],
-    gap: Float[np.ndarray, " batch"],
-    closing: Float[np.ndarray, " batch"],
-) -> Float[np.ndarray, " batch"]:
+def _idm_acceleration(speed: OfEgos, gap: OfEgos, closing: OfEgos) -> OfEgos:
     """Return `core.traffic.idm_acceleration` in m/s²; gaps in m between centres, closing in m/s."""
     strongest, comfort = IDM.max_acceleration.mean, IDM.comfort_deceleration.mean
     steady = IDM.jam_distance.mean + speed * IDM.time_headway.mean
