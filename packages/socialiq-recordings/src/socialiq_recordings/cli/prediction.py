@@ -124,45 +124,27 @@ def _summary(situations: Situations, rows: list[Row], contrasts: list[Row]) -> d
     }
 
 
+def _print(rows: list[Row], names: tuple[str, ...], title: str) -> None:
+    cells = [{name: "" if row[name] is None else row[name] for name in names} for row in rows]
+    print_table(cells, title)
+
+
 def _show_scores(rows: list[Row]) -> None:
     """Print a table of second halves for each holdout and kind of moment."""
+    names = ("model", "surprise", "rmse", "displacement", "gain", "gain_low", "gain_high")
     second = [row for row in rows if row["part"] == "second half"]
     for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in second):
         group = [r for r in second if (r["holdout"], r["moments"]) == (holdout, moments)]
-        lines = []
-        for row in group:
-            metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
-            interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
-            line: Row = {
-                "model": row["model"],
-                "surprise, nats": f"{row['surprise']:.2f}",
-                "RMSE, m/s²": f"{row['rmse']:.2f}",
-                "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
-                "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
-            }
-            lines.append(line)
         title = f"Held-out {holdout}, {moments} moments, second halves: {group[0]['n']}"
-        print_table(lines, f"\n{title}, chains: {group[0]['chains']}")
+        _print(group, names, f"\n{title}, chains: {group[0]['chains']} (nats, m/s², m at 3 s)")
 
 
 def _show_contrasts(rows: list[Row]) -> None:
     """Print the differences between models that are found, or that there are none."""
-    lines = []
-    for row in rows:
-        interval = "" if row["low"] is None else f" ({row['low']:+.2f} to {row['high']:+.2f})"
-        line: Row = {
-            "held out": row["holdout"],
-            "moments": row["moments"],
-            "model": row["model"],
-            "over": row["over"],
-            "gain, nats": f"{row['gain']:+.2f}{interval}",
-            "p, corrected": f"{row['p_corrected']:.3f}",
-        }
-        if row["found"]:
-            lines.append(line)
-    if lines:
+    names = ("holdout", "moments", "model", "over", "gain", "low", "high", "p_corrected")
+    if significant := [row for row in rows if row["found"]]:
         title = f"\nDifferences found, of {len(rows)} tested together (corrected p up to {ERROR:g})"
-        print_table(lines, title)
+        _print(significant, names, title)
     elif rows:
         most = max(row["chains"] for row in rows)
         say(f"no difference between models is found: {len(rows)} tested together, corrected")
@@ -206,20 +188,10 @@ def _show_trait(rows: list[Row], summary: dict[str, Any]) -> None:
         say(f"the angle as a trait is not tested: {summary['not_tested']}")
     if not rows:
         return
-    lines = [
-        {
-            "angle over": row["angle_over"],
-            "gain, nats": f"{row['gain_nats']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})",
-            "p": f"{row['p']:.3f}",
-            "p, Holm": f"{row['p_holm']:.3f}",
-            "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
-            "found": "yes" if row["found"] else "no",
-        }
-        for row in rows
-    ]
+    names = ("angle_over", "gain_nats", "low", "high", "p", "p_holm", "rmse_gain", "found")
     title = "\nA driver's angle from its first half, on its second"
     counts = f"{summary['decisions']} decisions, {summary['drivers']} drivers"
-    print_table(lines, f"{title}: {counts}, {summary['chains']} chains")
+    _print(rows, names, f"{title}: {counts}, {summary['chains']} chains")
     if summary["chains"] < summary["chains_needed"]:
         say(
             f"not enough data: with {summary['chains']} independent chains no gain can be found "

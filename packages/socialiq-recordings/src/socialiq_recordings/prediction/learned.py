@@ -257,7 +257,7 @@ def _models(
     task: Task, levels: Levels, chances: Chances, density: Float64[np.ndarray, "moment policy"]
 ) -> dict[str, Fitted]:
     """Return the dial at the angle of the population, and at each driver's."""
-    trait = family_trait(ANGLES, strengths=SHARES)
+    trait = family_trait(ANGLES, SHARES)
     _, likelihood = _by_driver(density, task.train.vehicle)
     alike, differ = (
         hierarchy.population_posterior(hierarchy.log_marginal(likelihood, grid), grid)

@@ -153,21 +153,14 @@ def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0)
     return Trait.of(Rule(weights, _normal_on_grid), value, value, spreads)
 
 
-def family_trait(
-    angle: Values, strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0
-) -> Trait:
-    """Return the angle of a family of policies as a trait.
+def family_trait(angle: Values, shares: tuple[float, ...]) -> Trait:
+    """Return the angle of a family of policies as a trait, with shares of the dial in place of β.
 
-    Prior: β, the population's mean and its spread each even over their grids. A population is a
-    normal distribution that is cut off at the ends of the family, angles at equal distances.
+    A population is a normal distribution that is cut off at the ends of the family, angles at equal
+    distances. Policies take the place of rewards, which have no weight.
     """
-
-    def weights(strength: Any, angle: Any) -> Any:  # of rewards: the values replace them
-        return np.zeros((*np.broadcast_shapes(strength.shape, angle.shape), 2))
-
-    step, rule = float(angle[1] - angle[0]), Rule(weights, _normal_on_grid)
-    spreads = np.arange(0.0, _WIDEST + step / 2, step)
-    return Trait.of(rule, np.array(strengths) / scale, angle, spreads)._replace(rule=None)
+    step, rule = float(angle[1] - angle[0]), Rule(lambda *_: np.zeros((0, 2)), _normal_on_grid)
+    return Trait.of(rule, np.array(shares), angle, np.arange(0.0, _WIDEST + step / 2, step))
 
 
 def rewards_of(table: ChoiceTable) -> Float[np.ndarray, "decision candidate 2"]:

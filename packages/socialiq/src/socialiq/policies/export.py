@@ -110,10 +110,10 @@ class _Graph:
         ]
         return self.add("Gemm", inputs, output or name, transB=1)
 
-    def gather(self, places: list[int], name: str, value: str = INPUT) -> str:
-        """Add the selection of some elements of a value, in the given order."""
+    def gather(self, places: list[int], name: str) -> str:
+        """Add the selection of some elements of the input, in the given order."""
         index = self.constant(f"{name}.places", np.array(places, np.int64))
-        return self.add("Gather", [value, index], name, axis=1)
+        return self.add("Gather", [INPUT, index], name, axis=1)
 
     def scaled(self, value: str, scales: list[float], name: str) -> str:
         """Add the product of a value and constants."""

@@ -24,25 +24,17 @@ _NARROW = 0.76  # of the reach, to the west and east in a filmstrip
 
 
 class Crossing:
-    """The crossing as a view; the ego's way and zone are those of its destination.
-
-    Args:
-        reach: Visible metres to the west and east of the centre; slightly fewer to the north,
-            slightly more to the south, where the ego starts.
-    """
+    """The crossing as a view; the ego's way and zone are those of its destination."""
 
     marks: tuple[str, ...] = ("gives way",)
     corner: tuple[float, float] | None = (18.0, -39.0)
-
-    def __init__(self, reach: float = REACH) -> None:
-        self._reach = reach
 
     def ground(self, axes: Any) -> None:
         """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks."""
         from matplotlib.collections import LineCollection, PolyCollection
         from matplotlib.patches import Polygon, Rectangle
 
-        reach = 2 * self._reach
+        reach = 2 * REACH
         axes.add_artist(Rectangle((-reach, -reach), 2 * reach, 2 * reach, color=shapes.GRASS))
         # One quarter of the kerb: in along an arm, round the corner, out along the next.
         bend = np.linspace(math.pi, 1.5 * math.pi, 12)
@@ -70,8 +62,8 @@ class Crossing:
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:  # noqa: ARG002  it never moves
         """Return the visible part of the world."""
-        south, wide = (1 + _SOUTHWARDS) * self._reach, self._reach * (_NARROW if strip else 1.0)
-        return Frame(-wide, wide, south - 2 * self._reach, south)
+        south, wide = (1 + _SOUTHWARDS) * REACH, REACH * (_NARROW if strip else 1.0)
+        return Frame(-wide, wide, south - 2 * REACH, south)
 
     def way(self, axes: Any, scene: Scene) -> None:
         """Draw the ego's influence zone and the rest of its route."""
