@@ -5,8 +5,6 @@ import math
 import pytest
 
 from socialiq_recordings.conflicts.measures import (
-    gap_accepted,
-    lag_accepted,
     post_encroachment_time,
     required_deceleration,
     required_deceleration_crossing,
@@ -64,8 +62,3 @@ def test_no_deceleration_is_needed_by_those_who_arrive_later():
     assert required_deceleration_crossing(30.0, 10.0, 3.0) == 0.0
     assert required_deceleration_crossing(30.0, 0.0, math.inf) == 0.0
     assert required_deceleration_crossing(0.0, 10.0, 1.0) == math.inf
-
-
-def test_gap_and_lag_are_front_to_front():
-    assert gap_accepted(before=2.0, after=9.5) == 7.5
-    assert lag_accepted(arrives=4.0, after=9.5) == 5.5

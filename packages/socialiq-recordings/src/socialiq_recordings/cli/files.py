@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import dataclasses
-import io
 import sys
 import time
 from collections import Counter
@@ -23,6 +21,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.outputs import whole_folder
 from socialiq.reading import sha256_of_file
+from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq_recordings import files
 from socialiq_recordings.conflicts.encounters import Encounters
@@ -89,12 +88,9 @@ class Import(Printing):
                 [{"recording": row["recording"], **item} for row in rows for item in row[kind]]
                 for kind in ("refused", "faults")
             )
-            text = io.StringIO()
-            names = ("recording", "identity", "reason")
-            writer = csv.DictWriter(text, names, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows([*refused, *faults])
-            write_atomically(folder / "refused.csv", text.getvalue())
+            listed = [*refused, *faults]
+            table = as_csv(listed) if listed else "recording,identity,reason\n"
+            write_atomically(folder / "refused.csv", table)
         for failure in failed:
             say(f"not imported: {one_line(failure['reason'], 400)}")
         if self.json:

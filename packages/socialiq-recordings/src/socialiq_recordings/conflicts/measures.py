@@ -82,25 +82,6 @@ def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> 
     return 2 * (speed * seconds - gap) / seconds**2
 
 
-def gap_accepted(before: float, after: float) -> float:
-    """Return the gap in a stream through which a vehicle passed, s.
-
-    Time between the arrivals of two successive vehicles of a stream, front to front, at the place
-    where the other vehicle passed between them (Raff and Hart 1950, A volume warrant for urban
-    stop signs, Eno Foundation).
-    """
-    return after - before
-
-
-def lag_accepted(arrives: float, after: float) -> float:
-    """Return the lag that a vehicle accepted, s.
-
-    Time from its arrival to that of the next vehicle of the stream, where none of the stream came
-    before it (Raff and Hart 1950).
-    """
-    return after - arrives
-
-
 _TURN_BEFORE, _TURN_AFTER = 30.0, 20.0  # m before and behind an area between which a way turns
 
 
@@ -223,9 +204,10 @@ def _hardest(meeting: Meeting) -> float:
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
     """Return the gap and the lag that the ego accepted before the other vehicle, s.
 
-    The stream is the vehicles that enter the area by the other's lanelet. Without one of them
-    before the ego, it accepted a lag; with one, a gap. NaN for what it did not accept, or what
-    wasn't recorded.
+    The stream is the vehicles that enter the area by the other's lanelet (Raff and Hart 1950, A
+    volume warrant for urban stop signs, Eno Foundation). A gap is the time between the arrivals of
+    the two of them between which the ego passed, front to front. A lag is the time from the ego's
+    arrival to the next one's, where none came before. NaN: not accepted, or not recorded.
     """
     after, arrives = meeting.other_times.enters, meeting.ego_times.enters
     if not (meeting.complete and meeting.ego_first):
@@ -249,8 +231,8 @@ def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
     if between:
         return math.nan, math.nan  # another vehicle is the next of the stream
     if math.isinf(before):
-        return math.nan, lag_accepted(arrives, after)
-    return gap_accepted(before, after), math.nan
+        return math.nan, after - arrives
+    return after - before, math.nan
 
 
 def _lanelet_at(encounters: Encounters, way: Way, coordinate: float) -> int:

@@ -288,21 +288,20 @@ def in_the_way(
 
 def leader(way: Way, along: float, vehicles: OnWay) -> Near:
     """Return the next vehicle on a way ahead of the follower's middle at a coordinate, m."""
-    ahead = (vehicles.along > along) & (vehicles.along < along + _REACH)
-    if not ahead.any():
-        return Near()
-    index = int(np.argmin(np.where(ahead, vehicles.along, np.inf)))
-    gap = vehicles.along[index] - along - (vehicles.length[index] + way.length) / 2
-    return Near(int(vehicles.track[index]), float(gap), float(vehicles.speed[index]))
+    return _next(way, vehicles.along - along, vehicles)
 
 
 def follower(way: Way, along: float, vehicles: OnWay) -> Near:
     """Return the next vehicle behind a coordinate, as `leader` does ahead."""
-    behind = (vehicles.along < along) & (vehicles.along > along - _REACH)
-    if not behind.any():
+    return _next(way, along - vehicles.along, vehicles)
+
+
+def _next(way: Way, apart: OfVehicles, vehicles: OnWay) -> Near:
+    near = (apart > 0) & (apart < _REACH)
+    if not near.any():
         return Near()
-    index = int(np.argmax(np.where(behind, vehicles.along, -np.inf)))
-    gap = along - vehicles.along[index] - (vehicles.length[index] + way.length) / 2
+    index = int(np.argmin(np.where(near, apart, np.inf)))
+    gap = apart[index] - (vehicles.length[index] + way.length) / 2
     return Near(int(vehicles.track[index]), float(gap), float(vehicles.speed[index]))
 
 

@@ -17,6 +17,7 @@ from socialiq.worlds.highway.options import MAX_SPEED, SKIP
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, State
 from socialiq.worlds.intersection import options as scenario
 from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.options import Options
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.render import View
@@ -51,7 +52,7 @@ class Batch(RoadBatch):
 
     def __init__(
         self,
-        options: scenario.Options,
+        options: Options,
         size: int,
         threads: int = 1,
         back_end: BackEnd = "core",
@@ -61,7 +62,7 @@ class Batch(RoadBatch):
         one_of("back end", back_end, ("core", "highway_env"))
         buffers = scenario.buffers_of(options, size, traced or effects is not None)
         super().__init__(options, buffers, scenario.settings_of(options), threads, effects)
-        self.options: scenario.Options = options
+        self.options: Options = options
         self._real: Any = None
         if back_end == "highway_env":
             if effects is not None:
@@ -118,8 +119,8 @@ class Batch(RoadBatch):
 class Intersection(RoadWorld):
     """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3)."""
 
-    options: scenario.Options = field(  # pyright: ignore[reportIncompatibleVariableOverride]  it is frozen
-        default_factory=scenario.Options
+    options: Options = field(  # pyright: ignore[reportIncompatibleVariableOverride]  it is frozen
+        default_factory=Options
     )
     effects: EffectOptions | None = None
 
@@ -184,7 +185,7 @@ _INSIDE_TURN = 1.3
 half-width of a lane, 2 m, of its centre (9 / 7)."""
 
 
-def decisions(options: scenario.Options) -> int:
+def decisions(options: Options) -> int:
     """Return the number of decisions until the time is over, counted as the core counts it."""
     time, count = 0.0, 0
     while time < options.duration:
@@ -193,7 +194,7 @@ def decisions(options: scenario.Options) -> int:
     return count
 
 
-def largest_progress(options: scenario.Options) -> float:
+def largest_progress(options: Options) -> float:
     """Return the largest value of the signal `progress`, either way.
 
     The ego enters at the speed limit and its speed control doesn't overshoot a target speed, so it
@@ -207,7 +208,7 @@ def largest_progress(options: scenario.Options) -> float:
     return _INSIDE_TURN * fastest / options.policy_frequency / options.progress_unit
 
 
-def env_range(options: scenario.Options) -> tuple[float, float]:
+def env_range(options: Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_env (Eq 4.1), for any driver in any traffic.
 
     Collision and arrival replace the last decision's reward, a timeout adds to it.
@@ -221,7 +222,7 @@ def env_range(options: scenario.Options) -> tuple[float, float]:
     return least, max(earlier * high, 0.0) + max(*terminal, high, high + late)
 
 
-def social_range(options: scenario.Options) -> tuple[float, float]:
+def social_range(options: Options) -> tuple[float, float]:
     """Return limits of an episode's sum of r_social (Eq 4.2), for any driver in any traffic.
 
     In every decision each other vehicle counts at most once with each of its two signals, which
