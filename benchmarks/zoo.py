@@ -16,9 +16,8 @@ import zipfile
 from pathlib import Path
 
 from socialiq.errors import UserError
-from socialiq.policies.sb3_acting import STATISTICS
 from socialiq.policies.sb3_config import config_of, data_of
-from socialiq.policies.sb3_load import MOST_WORDS, read_sb3
+from socialiq.policies.sb3_load import MOST_WORDS, STATISTICS, read_sb3
 from socialiq.policies.sb3_tensors import Archive
 
 

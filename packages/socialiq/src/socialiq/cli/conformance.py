@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -72,13 +73,10 @@ class Conformance(Printing):
             traffic["offroad_terminal"] = self.offroad_terminal
             options = ContinuousOptions(actions=self.actions, **traffic)
         if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
-            command = [sys.executable, "-m", "socialiq", "conformance", "--scene", self.scene]
-            command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
-            command += ["--population", self.population, "--actions", self.actions]
-            command += ["--driver", self.driver] if self.driver else []
-            flags = {"--connected": self.connected, "--json": self.json}
-            flags["--offroad-terminal"] = self.offroad_terminal
-            command += [flag for flag, is_set in flags.items() if is_set]
+            command = [sys.executable, "-m", "socialiq", "conformance"]
+            for name, value in {**dataclasses.asdict(self), "json": self.json}.items():
+                option = f"--{name.replace('_', '-')}"
+                command += [option] if value is True else [option, str(value)] if value else []
             return subprocess.run(command, env=os.environ | PORTABLE, check=False).returncode
         deviations = self.compare(options)
         if self.json:

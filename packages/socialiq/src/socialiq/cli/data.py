@@ -282,9 +282,9 @@ class ToMinari(Printing):
         """Read, write, print the place."""
         check_angle(self.angle)
         table = files.load(self.file, continuous=True)
-        name = self.id or minari.id_of(self.out)
-        folder = minari.write_minari(table, self.out, dataset_id=name, angle=self.angle)
-        written = {"folder": str(folder), "id": name, "episodes": table.n_episodes}
+        folder = minari.write_minari(table, self.out, angle=self.angle)
+        name, count = minari.id_of(self.out), table.n_episodes
+        written = {"folder": str(folder), "id": name, "episodes": count}
         return self.show(written | {"sha256": files.sha256_of(table)}, [written])
 
 

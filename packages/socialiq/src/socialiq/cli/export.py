@@ -78,7 +78,7 @@ class Export(Printing):
         written |= {"sha256": hashlib.sha256(content).hexdigest()}
         return self.show(written, [written])
 
-    def read(self) -> tuple[Exported, dict[str, Any]]:
+    def read(self) -> tuple[card.Exported, dict[str, Any]]:
         """Return the policy, and further records of its training."""
         path, shipped = Path(self.policy), self.policy in atlas.names()
         if not shipped and not path.exists():
@@ -103,7 +103,7 @@ class Export(Printing):
         belongs = policy.sha256 in hashes
         return policy, {**training, "made_by": "socialiq train"} if belongs else {}
 
-    def described(self, policy: Exported, training: dict[str, Any]) -> bytes:
+    def described(self, policy: card.Exported, training: dict[str, Any]) -> bytes:
         """Return the model card, or the bill of materials."""
         evaluation, words = training.get("greedy"), ""
         if evaluation is not None:
@@ -116,10 +116,8 @@ class Export(Printing):
                 "name its policy; the author of this card states it."
             )
         at = "" if self.angle is None else f" at {self.angle:g} degrees"
-        name, facts = (
-            f"{Path(self.policy).stem}{at}",
-            {"training": training, "evaluation": evaluation},
-        )
+        name = f"{Path(self.policy).stem}{at}"
+        facts: dict[str, Any] = {"training": training, "evaluation": evaluation}
         if self.format == "card":
             return card.model_card(policy, name, evaluated_by=words, **facts).encode()
         file = Path(self.policy) if self.angle is None else None  # a dial's file holds many
