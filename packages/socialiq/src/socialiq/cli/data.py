@@ -273,8 +273,6 @@ class ToMinari(Printing):
     """Demonstrations file."""
     out: Path
     """Folder to make; Minari's own root is not used."""
-    id: str = ""
-    """Minari's name of the data set, NAME-v0; by default the folder's."""
     angle: float = 0.0
     """Social angle in degrees of the scalar reward that Minari stores beside the pair."""
 

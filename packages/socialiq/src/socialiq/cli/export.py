@@ -12,10 +12,9 @@ import tyro
 from socialiq.cli.output import Printing
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
-from socialiq.nn.q_policy import QPolicy
 from socialiq.outputs import refuse_existing
 from socialiq.policies import card, export, load
 from socialiq.reading import sha256_of_file
@@ -24,7 +23,6 @@ from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.situation import ContextPolicy
 
-Exported = QPolicy | EnsemblePolicy | ActorPolicy | ContextPolicy
 FORMATS = {
     "onnx": (".onnx",),
     "torch": (".safetensors",),

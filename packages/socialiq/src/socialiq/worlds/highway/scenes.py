@@ -170,13 +170,8 @@ _ARCS = (
 )  # from and to in degrees, clockwise as drawn from east; driven the other way
 
 
-def _turned(arm: str, x: float, y: float) -> tuple[float, float]:
-    cos, sin = _ARMS[arm]
-    return cos * x + sin * y, cos * y - sin * x
-
-
-def _roundabout() -> Scene:
-    """Return highway-env's roundabout: two lanes round a circle, and four arms."""
+def _roundabout_roads() -> Network:
+    """Return circle and arms; of each arm the way in, straight then bent, and the way out."""
     roads = Network()
     for radius in (20.0, 24.0):
         for start, end, first, last in _ARCS:
@@ -194,6 +189,17 @@ def _roundabout() -> Scene:
         roads.add(f"{arm}x", f"{arm}xs", Lane(sine(*ends, *way_out), EXIT))
         lane = straight(_turned(arm, -2.0, half), _turned(arm, -2.0, _ACCESS))
         roads.add(f"{arm}xs", f"{arm}xr", Lane(lane, EXIT))
+    return roads
+
+
+def _turned(arm: str, x: float, y: float) -> tuple[float, float]:
+    cos, sin = _ARMS[arm]
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def _roundabout() -> Scene:
+    """Return highway-env's roundabout: two lanes round a circle, and four arms."""
+    roads = _roundabout_roads()
     circle, southern, eastern = (
         roads.lane(*nodes, 0) for nodes in (("we", "sx"), ("ser", "ses"), ("eer", "ees"))
     )
