@@ -236,11 +236,7 @@ def _boosted(task: Task, inputs: Model) -> Fitted:
 
 
 def ensembles() -> Any:
-    """Return scikit-learn's module of gradient boosting.
-
-    Raises:
-        UserError: If it is not installed.
-    """
+    """Return scikit-learn's module of gradient boosting; `UserError` if it is not installed."""
     return optional("sklearn.ensemble", "prediction", "gradient boosting", DISTRIBUTION)
 
 

@@ -285,9 +285,5 @@ def lanes_of(road: RoadNetwork) -> Lanes:
 
 
 def shapely() -> Any:
-    """Return the library Shapely.
-
-    Raises:
-        UserError: If it is not installed.
-    """
+    """Return the library Shapely; `UserError` if it is not installed."""
     return optional("shapely", "maps", "conflict areas", DISTRIBUTION)
