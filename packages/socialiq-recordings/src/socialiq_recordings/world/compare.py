@@ -161,7 +161,8 @@ def distance(
     """Return the largest difference of two distribution functions; None if one has no value."""
     if not len(first) or not len(second):
         return None
-    return float(ks_2samp(first, second, method="asymp").statistic)
+    tested: Any = ks_2samp(first, second, method="asymp")
+    return float(tested.statistic)
 
 
 _INKS = {"recorded": COLORS["baseline"], "simulated": COLORS["prosocial"]}
