@@ -256,11 +256,7 @@ class Encounters:
         return area if area is None or first == pair[0] else area.swapped()
 
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
-        """Return the encounters of other motion along the same ways; the areas stay.
-
-        The scene has that motion on the same road, numbered newly; `ways` has the way there of each
-        track here that is there.
-        """
+        """Return the encounters of `scene`, other motion on this road; `ways` are of its tracks."""
         copied = copy.copy(self)
         copied.__dict__.pop("in_time", None)
         copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
@@ -325,10 +321,7 @@ class Encounters:
         return held(self.scene, first, frame) or held(self.scene, second, frame)
 
     def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
-        """Whether no other vehicle is on a way between its vehicle and the entry of an area, m.
-
-        The track `but` doesn't count: the other vehicle of the conflict.
-        """
+        """Whether nothing but the track `but` is on a way before the entry of an area, m."""
         return self.config.queued or not self._held_up(way, entry, but)[frame - way.first]
 
     def meetings(self) -> list[Meeting]:

@@ -64,11 +64,7 @@ def possible(situations: Situations) -> tuple[Holdout, ...]:
 
 
 def folds(situations: Situations, holdout: Holdout) -> list[Fold]:
-    """Return the folds of all moments.
-
-    Raises:
-        UserError: If there are too few; the line says what is missing.
-    """
+    """Return the folds of all moments; `UserError` says what is missing if they are too few."""
     one_of("holdout", holdout, HOLDOUTS)
     sites = np.unique(situations.site)
     if holdout == "sites" and len(sites) < 2:

@@ -46,11 +46,7 @@ def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
 
 
 class RulePolicy:
-    """Policy defined by a rule.
-
-    The rule is a function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions:
-    numbers, or vectors in [-1, 1].
-    """
+    """Policy by a rule: observed vehicles (batch, vehicles, 7) in m and m/s to actions."""
 
     def __init__(self, rule: Rule) -> None:
         self._rule = rule
