@@ -1,7 +1,5 @@
 """Export of recordings as CommonRoad XML 2020a, with every digit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import count
 from pathlib import Path

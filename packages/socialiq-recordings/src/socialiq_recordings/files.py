@@ -1,7 +1,5 @@
 """Recordings as checked files (storage.py): the tracks' columns, the road's arrays, a header."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ sub-step a frame. A vehicle that is spawned after a decision is recorded from th
 because the simulator's observation of that decision precedes it.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

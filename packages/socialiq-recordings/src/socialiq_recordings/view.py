@@ -1,7 +1,5 @@
 """Recorded traffic in the page: lanes, vehicles, conflicts, who yields to whom, and rewards."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`data conflicts`: conflicts of recorded vehicles, their measures, and pictures of them."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path

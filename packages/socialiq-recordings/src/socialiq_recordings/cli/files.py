@@ -1,7 +1,5 @@
 """`data import`, `data inspect`, and the recordings that other `data` commands are given."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import sys

@@ -1,7 +1,5 @@
 """`train practised-dial`: dials of a recorded junction that also practise there."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`data predict`: driver models on held-out drivers."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path

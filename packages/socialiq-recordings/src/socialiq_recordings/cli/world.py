@@ -1,7 +1,5 @@
 """Commands on recorded junctions: world, demonstrations, census, a dial that practises there."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections import Counter

@@ -6,8 +6,6 @@ recordings have a vehicle in common if they have moments in common (`alignment`)
 one site and the numbers and sizes of their vehicles agree beyond chance, as in consecutive windows.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence

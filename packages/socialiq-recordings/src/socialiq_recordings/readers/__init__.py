@@ -1,7 +1,5 @@
 """Import of recorded traffic: read a file of any format, with a map, and keep plausible tracks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ Parquet is read by pyarrow (extra `parquet`). The makers' own package av2 reads 
 but needs PyTorch, OpenCV, kornia and PyAV for it.
 """
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ A map is a TOML file, so a new data set needs no code. The package contains maps
 sets, by name.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, fields
 from pathlib import Path

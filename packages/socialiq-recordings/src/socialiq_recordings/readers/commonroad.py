@@ -7,8 +7,6 @@ Dynamic obstacles become tracks. Static obstacles are counted and left out. So i
 problem, which describes the start of a car that was not recorded.
 """
 
-from __future__ import annotations
-
 from array import array
 from pathlib import Path
 from xml.etree.ElementTree import Element

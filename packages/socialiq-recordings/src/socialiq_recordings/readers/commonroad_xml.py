@@ -1,7 +1,5 @@
 """Streaming reader of CommonRoad XML, with its kinds of obstacles and numbers of signs."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Reader of recordings in CSV files of any layout, by a column map."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ Python's reader is fast enough (see `socialiq bench recordings`) and gives the r
 Frames and recordings of the rows follow from a column, or from periods of observation.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -6,8 +6,6 @@ lanelet follows which.
 The format: Poggenhans et al., "Lanelet2: A high-definition map framework" (ITSC 2018).
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import os

@@ -1,7 +1,5 @@
 """Construction of a world from recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

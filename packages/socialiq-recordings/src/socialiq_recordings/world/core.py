@@ -4,8 +4,6 @@
 recording, `count` the number of its vehicles.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

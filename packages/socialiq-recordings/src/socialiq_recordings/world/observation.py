@@ -6,8 +6,6 @@ of the route. The ego's route is therefore a straight line for every ego, and wh
 tells where others are with respect to it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ seed and of what they are for, by SplitMix64 (Steele, Lea and Flood 2014) as a h
 on the order of others.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

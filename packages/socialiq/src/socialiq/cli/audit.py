@@ -1,7 +1,5 @@
 """`audit`: whether a policy behaves as declared; `audit nonce`, `audit commit`: its seeds."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import sys

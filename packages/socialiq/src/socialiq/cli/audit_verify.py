@@ -1,7 +1,5 @@
 """`audit verify` and `audit sign`: integrity of a report, its repetition, a signature of it."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

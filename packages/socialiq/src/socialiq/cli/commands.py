@@ -4,8 +4,6 @@ A command's module may import a learner or a simulator, which takes seconds. The
 wait for that.
 """
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import functools

@@ -1,7 +1,5 @@
 """`conformance`: comparison of the compiled roads with highway-env."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

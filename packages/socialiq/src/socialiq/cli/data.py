@@ -1,7 +1,5 @@
 """`collect`: demonstrations of experts or given drivers; `data from-...`, `to-...`: other files."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

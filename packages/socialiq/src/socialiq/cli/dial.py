@@ -1,7 +1,5 @@
 """`dial`: evaluation of a trained dial."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Drivers of the roads by name or file, and the gridworld of a policy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

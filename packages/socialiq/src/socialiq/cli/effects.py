@@ -1,7 +1,5 @@
 """`effects`: effects of drivers on others, measured by the same episodes without them."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass

@@ -1,7 +1,5 @@
 """`evaluate`: metrics of saved policies."""
 
-from __future__ import annotations
-
 import functools
 import math
 import sys

@@ -1,7 +1,5 @@
 """`evaluate --data`: J(α) of policies from episodes that others drove, without an environment."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`export`, `turn` and `ensemble`: policies for other programs, of one angle, or of several."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ Standard output and error never decide the exit status, which is the verdict of 
 that closes the pipe early, a full disk or a locale that lacks a character must not change it.
 """
 
-from __future__ import annotations
-
 import _thread
 import contextlib
 import errno

@@ -1,7 +1,5 @@
 """`profile new` and `profile check`: the declaration that an audit tests."""
 
-from __future__ import annotations
-
 import datetime
 import os
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`render`: pictures of a world; `page` and `view`: the dial in a browser, also over a server."""
 
-from __future__ import annotations
-
 import webbrowser
 from dataclasses import dataclass, field
 from pathlib import Path

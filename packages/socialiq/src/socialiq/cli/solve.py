@@ -1,7 +1,5 @@
 """`solve`, `front` and `predict-lambda`: exact results of a gridworld, without training."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Literal
 

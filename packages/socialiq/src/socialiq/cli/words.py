@@ -4,8 +4,6 @@ The commands' own checks say what a value means; those here keep out what nothin
 Words of older releases are forwarded, and unknown ones answered with the nearest that is known.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import itertools

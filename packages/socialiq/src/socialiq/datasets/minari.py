@@ -9,8 +9,6 @@ there are steps, as all of Minari's `infos` have: row 0 belongs to the reset and
 columns of a table are in `infos["socialiq"]` and in the metadata.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

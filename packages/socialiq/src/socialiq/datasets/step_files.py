@@ -1,7 +1,5 @@
 """Demonstrations in and out as files of plain arrays: .npz, .csv, .parquet, and D4RL's .hdf5."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

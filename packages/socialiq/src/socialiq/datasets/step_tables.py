@@ -9,8 +9,6 @@ pyarrow has made no extension type from a file's pickle since 14.0.1 (CVE-2023-4
 C++ code parses the file.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -6,8 +6,6 @@ that is not a terminal state, so it must be marked: by `info["TimeLimit.truncate
 Stable-Baselines3's vector environments set; by our worlds' `info["ending"]`; or by `time_limit`.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Demonstrations as checked files (storage.py): the columns, and a header with the rest."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

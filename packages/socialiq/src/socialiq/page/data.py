@@ -3,8 +3,6 @@
 The dial is the shipped one with its study's curve, or a user's own, measured.
 """
 
-from __future__ import annotations
-
 import csv
 import functools
 import math

@@ -1,7 +1,5 @@
 """The page as one file: its scripts, its data, its content security policy."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

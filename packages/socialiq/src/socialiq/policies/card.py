@@ -6,8 +6,6 @@ card, as JSON (https://cyclonedx.org/docs/1.7/json): a component of the type mac
 It depends on its arguments alone: the serial number is derived from them, and there is no time.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import math

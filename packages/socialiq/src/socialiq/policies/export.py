@@ -5,8 +5,6 @@ are used, so `policies.load` reads the files. All vehicles of a pooled view shar
 in the file.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ memory are writable. Its environment is empty. Nothing that it starts outlives i
 tell two sandboxes of each other by a file that both read are refused (`launchers.enter`).
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

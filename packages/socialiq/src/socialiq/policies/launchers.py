@@ -16,8 +16,6 @@ command. USER is the number of a user without rights to become, or -1 to stay. P
 largest number of processes and threads of that user, BYTES the largest size of a file.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

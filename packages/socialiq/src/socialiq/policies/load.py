@@ -1,7 +1,5 @@
 """Loading of policies of any kind: `load_policy` returns a `Policy` and a record of its origin."""
 
-from __future__ import annotations
-
 import contextlib
 import inspect
 import json

@@ -5,8 +5,6 @@ follow the arrays' shapes from operator to operator, so that nothing can mix the
 batch, or grow beyond bounds, and the last one is known to be actions or a score of each.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence

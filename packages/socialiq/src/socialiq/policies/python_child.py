@@ -8,8 +8,6 @@ hold other code) and of the path that it has by name; ATTRIBUTE is a policy (it 
 list, the module search path. The module's code runs in this process alone.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import inspect

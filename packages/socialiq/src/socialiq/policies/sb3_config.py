@@ -7,8 +7,6 @@ read. If the two differ, an audit is of the policy that is read here, not of the
 Stable-Baselines3 would load.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -11,8 +11,6 @@ the program opcode by opcode, and the machine here has these opcodes only. Its "
 marks below: nothing is imported, called or looked up by name.
 """
 
-from __future__ import annotations
-
 import enum
 import io
 import math

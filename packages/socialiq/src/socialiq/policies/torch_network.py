@@ -1,7 +1,5 @@
 """A policy's networks in PyTorch. Only `export_torch` imports this: PyTorch is an extra."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

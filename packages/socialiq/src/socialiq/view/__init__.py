@@ -1,7 +1,5 @@
 """The page over a local server: a user's policy, demonstrations, audit or recording in it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any

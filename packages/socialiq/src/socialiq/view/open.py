@@ -5,8 +5,6 @@ kind of file (`storage.kind_of`) or the end of a file's name, the object a funct
 a `View`.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint

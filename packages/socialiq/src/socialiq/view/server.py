@@ -1,7 +1,5 @@
 """The local server: one page, its parts by number, and a websocket for decisions."""
 
-from __future__ import annotations
-
 import asyncio
 import html
 import json

@@ -3,8 +3,6 @@
 Here are their Gymnasium ids; the environments load when they are made.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

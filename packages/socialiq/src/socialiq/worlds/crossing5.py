@@ -3,8 +3,6 @@
 The ego goes or waits; the other road user drives on unless blocked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

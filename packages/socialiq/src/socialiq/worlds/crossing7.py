@@ -3,8 +3,6 @@
 The ego chooses a speed; vehicles drive FAST and brake for the ego.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """User-provided environments, made by name. Their code runs only where the caller allows it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path

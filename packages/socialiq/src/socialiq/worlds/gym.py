@@ -1,7 +1,5 @@
 """Worlds as Gymnasium environments and as vector environments; `worlds.IDS` has their ids."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

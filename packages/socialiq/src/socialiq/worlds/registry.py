@@ -4,8 +4,6 @@ Another distribution adds its worlds by an entry point of the group `socialiq.wo
 kind of file (`storage.kind_of`), its object a function from such a file's path to a `World`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from collections.abc import Mapping

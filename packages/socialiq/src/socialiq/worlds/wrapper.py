@@ -1,7 +1,5 @@
 """Wrappers of Gymnasium environments: reward pairs, kinds of actions, absorbing states."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 

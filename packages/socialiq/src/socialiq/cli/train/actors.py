@@ -1,7 +1,5 @@
 """`train sac`, `td3-bc`, and all other learners where actions are continuous."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any

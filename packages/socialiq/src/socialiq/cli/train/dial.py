@@ -1,7 +1,5 @@
 """`train dial`, `offline-dial` and `improve-dial`: one network for every social angle."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from functools import partial

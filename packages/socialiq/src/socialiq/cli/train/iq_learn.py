@@ -3,8 +3,6 @@
 Demonstrations of continuous actions are passed on to `cli.train.actors`.
 """
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """Common parts of `train LEARNER`: options, settings laid over a config, folder of a run."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress

@@ -1,7 +1,5 @@
 """`python -m socialiq.page.webassembly`: build the core again from its sources."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

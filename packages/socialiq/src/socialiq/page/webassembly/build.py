@@ -3,8 +3,6 @@
 The wheel `ziglang` (extra `page`) holds the linker.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Layout of the core's memory and its constants, for the page: nothing of them is written twice."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 from typing import Any

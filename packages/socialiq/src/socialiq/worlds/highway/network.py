@@ -1,7 +1,5 @@
 """Roads as tables: lanes, the roads that follow, and the ways to a destination."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque

@@ -1,7 +1,5 @@
 """Real highway-env as a reference for the compiled roads; needs the extra `highway`."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

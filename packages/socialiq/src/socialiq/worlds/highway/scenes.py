@@ -1,7 +1,5 @@
 """Scenes of highway-env: roads, who enters them, the ego's task, what is observed and rewarded."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -3,8 +3,6 @@
 Axes must have y growing downwards, as it does in the world.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

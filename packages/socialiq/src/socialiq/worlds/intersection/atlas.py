@@ -3,8 +3,6 @@
 They are stored beside the committed results of the studies that made them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

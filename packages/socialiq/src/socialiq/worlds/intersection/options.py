@@ -1,7 +1,5 @@
 """Options of the intersection, the populations of its drivers, and the records of its core."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 

@@ -12,8 +12,6 @@ starts, select the portable routines.
 
 # pyright: reportMissingImports=false
 # Type checks also run where the extra is not installed.
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar
 

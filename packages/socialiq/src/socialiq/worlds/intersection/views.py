@@ -1,7 +1,5 @@
 """The crossing of the intersection's pictures: its road, and the ego's way across."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

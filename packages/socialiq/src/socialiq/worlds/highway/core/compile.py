@@ -3,8 +3,6 @@
 Functions are unwrapped of the run-time type checks of tests, which Numba can't compile.
 """
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import inspect

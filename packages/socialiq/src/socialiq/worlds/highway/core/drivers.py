@@ -1,7 +1,5 @@
 """Drivers of scenes: their entry, the Intelligent Driver Model, MOBIL, and the ego's commands."""
 
-from __future__ import annotations
-
 import math
 
 from socialiq.worlds.highway.core import geometry, stream

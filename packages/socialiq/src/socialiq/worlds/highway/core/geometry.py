@@ -1,7 +1,5 @@
 """Angles, coordinates along straight, swinging and circular lanes, and the choice of a lane."""
 
-from __future__ import annotations
-
 import math
 
 from socialiq.physics import wrapped

@@ -4,8 +4,6 @@ Nothing here depends on a road. Quantities of a road (the advance along the rout
 neighbours count) are arguments, so the same code rewards simulated roads and recorded traffic.
 """
 
-from __future__ import annotations
-
 from typing import get_args
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One decision of an episode of any road, and the scenes of highway-env, which run through it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ ziggurat method (Marsaglia and Tsang 2000) with numpy's tables; bounded integers
 (2019) on half words, the unused half kept for the next. The EPISODE record holds the state.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

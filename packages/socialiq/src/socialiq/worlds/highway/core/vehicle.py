@@ -1,7 +1,5 @@
 """Vehicle on any road: steering, speed control, car following, kinematic bicycle, collisions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ five lanes: the approach, the right turn, the left turn, the way straight on, an
 arm to its left-hand side. x grows to the east and y to the south, so headings grow clockwise.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

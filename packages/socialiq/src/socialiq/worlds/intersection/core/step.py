@@ -1,7 +1,5 @@
 """The intersection's decisions: entry and removal of vehicles, sub-steps, and the entry point."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

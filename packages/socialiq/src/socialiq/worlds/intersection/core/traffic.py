@@ -1,7 +1,5 @@
 """Drivers of the crossing: their way and leader, right of way, the ego's commands, its arrival."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
