@@ -8,7 +8,7 @@ because the simulator's observation of that decision precedes it.
 import re
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from socialiq.physics import wrapped
 from socialiq.types import Ending, Policy
@@ -177,6 +177,6 @@ def _repeated_share(tracks: Tracks) -> float:
     np.maximum.at(high, group, track)
     repeats = low[group] != high[group]
     vehicles, repeating = len(np.unique(track)), len(np.unique(track[repeats]))
-    if binom.sf(repeating - 1, vehicles, REPEATED) > CHANCE:
+    if bdtrc(repeating - 1, vehicles, REPEATED) > CHANCE:
         return 0.0
     return float(repeats.mean())

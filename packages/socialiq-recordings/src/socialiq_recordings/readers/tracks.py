@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
-from scipy.signal import savgol_filter
 from scipy.spatial import KDTree
 
 from socialiq.errors import UserError
@@ -165,6 +164,8 @@ def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
     window = min(2 * round(WINDOW / dt / 2) + 1, len(x) - (len(x) + 1) % 2)
     if window < 3:
         return differences(x, y, dt)
+    from scipy.signal import savgol_filter  # slow to import
+
     vx, vy = (
         np.asarray(savgol_filter(positions, window, 2, deriv=1, delta=dt, mode="interp"))
         for positions in (x, y)
