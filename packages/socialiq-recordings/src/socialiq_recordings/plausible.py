@@ -97,10 +97,7 @@ _HEADINGS = {
 
 
 def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks, list[Refused]]:
-    """Leave out the tracks that are physically impossible.
-
-    Returns:
-        The other tracks, and the reason for each refused track.
+    """Return the tracks that are physically possible, and why each of the others is refused.
 
     Raises:
         UserError: If no track is left, or most fail in a way that a wrong unit explains.
