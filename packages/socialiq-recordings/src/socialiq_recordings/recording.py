@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
-from socialiq.demonstrations.columns import json_able
+from socialiq.demonstrations.columns import check_layout, json_able
 from socialiq.errors import UserError
 from socialiq_recordings.road.network import Refused, RoadNetwork
 
@@ -86,8 +86,8 @@ class Tracks:
         if not isinstance(self.recording, str) or not self.recording.strip():
             raise UserError("recording must be a non-empty string: data are split by it")
         columns = self.arrays()
-        _check_layout(columns, STATES, "states")
-        _check_layout(columns, ROAD_USERS, "tracks")
+        for layout, what in ((STATES, "state"), (ROAD_USERS, "track")):
+            check_layout(columns, {name: (dtype, 1) for name, dtype in layout.items()}, what)
         for name, dtype in (STATES | ROAD_USERS).items():
             if issubclass(dtype, np.floating):
                 _refuse(
@@ -150,23 +150,6 @@ class Tracks:
     def starts(self) -> Int64[np.ndarray, " track_and_one"]:
         """Row of each track's first state, followed by the number of rows."""
         return np.searchsorted(self.track, np.arange(self.n_tracks + 1)).astype(np.int64)
-
-
-def _check_layout(columns: dict[str, Any], layout: dict[str, type[np.generic]], what: str) -> None:
-    first = next(iter(layout))
-    for name, dtype in layout.items():
-        column = columns[name]
-        if not isinstance(column, np.ndarray) or column.dtype != dtype or column.ndim != 1:
-            actual = f"{column.dtype}" if isinstance(column, np.ndarray) else type(column).__name__
-            raise UserError(
-                f"column {name} is {actual}: pass a one-dimensional NumPy array of {dtype.__name__}"
-            )
-        if len(column) != len(columns[first]):
-            raise UserError(
-                f"column {name} has {len(column)} {what} where {first} has {len(columns[first])}"
-            )
-    if not len(columns[first]):
-        raise UserError(f"no {what}: a recording has at least one track of one state")
 
 
 def _refuse(name: str, bad: np.ndarray, problem: str, what: str = "row") -> None:

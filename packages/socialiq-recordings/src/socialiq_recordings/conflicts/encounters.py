@@ -214,13 +214,7 @@ class Meeting:
 
 
 class Encounters:
-    """Ways and conflict areas of a recording's vehicles, each computed once.
-
-    Attributes:
-        scene: The recording.
-        config: Options.
-        ways: Ways of the vehicles on the road, by track.
-    """
+    """Ways, by track, and conflict areas of a recording's vehicles on the road."""
 
     def __init__(self, scene: Scene, config: ConflictConfig | None = None) -> None:
         self.scene, self.config = scene, config or ConflictConfig()

@@ -293,12 +293,7 @@ def _next(way: Way, apart: OfVehicles, vehicles: OnWay) -> Near:
 
 
 class InTime:
-    """Ways of a recording, sorted by their first frames, so that look-ups cost little.
-
-    Attributes:
-        ways: Ways by track.
-        longest: Frames of the way that is seen for longest.
-    """
+    """Ways by track, sorted by their first frames, so that look-ups cost little."""
 
     def __init__(self, ways: Mapping[int, Way]) -> None:
         self.ways, self._every = ways, list(ways.values())
@@ -306,7 +301,7 @@ class InTime:
         self._last = np.array([way.last for way in self._every], np.int64)
         self._order = np.argsort(first, kind="stable")
         self._first = first[self._order]
-        self.longest = max((len(way.along) for way in self._every), default=0)
+        self.longest = max((len(way.along) for way in self._every), default=0)  # frames
 
     @cached_property
     def _boxes(self) -> Float64[np.ndarray, "way 4"]:

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -57,17 +58,18 @@ def read_csv(
     numbers, starts = np.unique(group[order], return_index=True)
     recordings = []
     for number, rows in zip(numbers.tolist(), np.split(order, starts[1:]), strict=True):
-        draft = _Draft(table, columns, users, frame, dt, road or RoadNetwork(), name_of)
+        gathered = tracks.Gathered(path)
+        draft = _Draft(table, columns, users, frame, dt, road or RoadNetwork(), name_of, gathered)
         if not recordings:
-            draft.gathered.note("row", table.dropped)
-            draft.gathered.faults += [
+            gathered.note("row", table.dropped)
+            gathered.faults += [
                 Refused(name_of.get(user, str(user)), fault)
                 for user, fault in itertools.islice(table.faults.items(), _NAMED)
             ]
         draft.gather(rows)
         ids = [id for id in np.unique(table["id"][rows]).tolist() if id in name_of]
         words_of = {"track_ids": {str(id): one_line(name_of[id], 60) for id in ids}} if ids else {}
-        recordings.append(draft.gathered.imported(names[number], dt, source | words_of, draft.road))
+        recordings.append(gathered.imported(names[number], dt, source | words_of, draft.road))
     return recordings
 
 
@@ -75,39 +77,34 @@ class _NeverMovesError(Exception):
     """A track without a heading never moves."""
 
 
+@dataclass
 class _Draft:
     """Builder of a recording from some rows of a table."""
 
-    def __init__(
-        self,
-        table: Table,
-        columns: ColumnMap,
-        users: Table | None,
-        frame: np.ndarray,
-        dt: float,
-        road: RoadNetwork,
-        name_of: dict[int, str],
-    ) -> None:
-        self._name_of = name_of
-        self._table, self._columns, self._users, self._dt = table, columns, users, dt
-        self._frame, self.road = frame, road
-        self._direction_at: Callable[[float, float], float | None] | None = None
-        self.gathered = tracks.Gathered(table.path)
+    table: Table
+    columns: ColumnMap
+    users: Table | None
+    frame: np.ndarray
+    dt: float
+    road: RoadNetwork
+    name_of: dict[int, str]
+    gathered: tracks.Gathered
+    direction_at: Callable[[float, float], float | None] | None = None
 
     def gather(self, rows: np.ndarray) -> None:
         self.gathered.n_states = len(rows)
         rows = self._distinct(rows)
         # By track, and the first row of each.
-        identity = self._table["id"][rows]
+        identity = self.table["id"][rows]
         order = np.argsort(identity, kind="stable")
-        if self._columns.any_order:
-            order = np.lexsort((self._frame[rows], identity))
+        if self.columns.any_order:
+            order = np.lexsort((self.frame[rows], identity))
         rows, identity = rows[order], identity[order]
         new = np.diff(identity) != 0
-        if self._columns.repeated_ids:
-            new |= np.diff(self._frame[rows]) > 1
+        if self.columns.repeated_ids:
+            new |= np.diff(self.frame[rows]) > 1
         starts = np.concatenate([[0], np.flatnonzero(new) + 1, [len(rows)]]).tolist()
-        table, scales = self._table, self._columns.scales
+        table, scales = self.table, self.columns.scales
         if "heading" in table:
             heading = table["heading"][rows]
             far = np.abs(heading * scales["heading"]) > _LARGEST_HEADING
@@ -141,55 +138,55 @@ class _Draft:
             take(first, end)
         if standing:
             states = [columns for _, _, columns in read.values()]
-            self._direction_at = tracks.directions(self.road, states)
+            self.direction_at = tracks.directions(self.road, states)
         for first, end in tuple(standing):
             take(first, end)
         for first in sorted(read):
             track, user, states = read[first]
-            self.gathered.add(int(identity[first]), user, self._frame[track], states)
+            self.gathered.add(int(identity[first]), user, self.frame[track], states)
 
     def _name(self, track: np.ndarray) -> str:
         """Return the road user's name in the file."""
-        identity = int(self._table["id"][track[0]])
-        return self._name_of.get(identity, str(identity))
+        identity = int(self.table["id"][track[0]])
+        return self.name_of.get(identity, str(identity))
 
     def _distinct(self, rows: np.ndarray) -> np.ndarray:
         """Return the rows without exact repetitions of a state, which are counted."""
-        identity, frame = self._table["id"][rows], self._frame[rows]
+        identity, frame = self.table["id"][rows], self.frame[rows]
         order = np.lexsort((rows, frame, identity))
         again = np.append(False, (np.diff(identity[order]) == 0) & (np.diff(frame[order]) == 0))
         if not again.any():
             return rows
-        names = [name for name in COLUMNS if name in self._table]
-        states = np.stack([self._table[name][rows[order]].astype(np.float64) for name in names])
+        names = [name for name in COLUMNS if name in self.table]
+        states = np.stack([self.table[name][rows[order]].astype(np.float64) for name in names])
         again &= tracks.repeated(frame[order], states)
         self.gathered.note("repeated row", int(again.sum()))
         return np.sort(rows[order[~again]])
 
     def _off_time(self, rows: np.ndarray) -> np.ndarray:
         """Return whether the time of each row but the first differs from that of its frame."""
-        time = np.diff(self._table["time"][rows]) * self._columns.scales["time"]
-        return ~(np.abs(time - np.diff(self._frame[rows]) * self._dt) < self._dt / 2)
+        time = np.diff(self.table["time"][rows]) * self.columns.scales["time"]
+        return ~(np.abs(time - np.diff(self.frame[rows]) * self.dt) < self.dt / 2)
 
     def _time_fault(self, rows: np.ndarray) -> str:
-        seconds = float(np.diff(self._table["time"][rows])[0]) * self._columns.scales["time"]
+        seconds = float(np.diff(self.table["time"][rows])[0]) * self.columns.scales["time"]
         return (
-            f"{self._table.row_name(rows[1])}{seconds:g} s after the frame before, with frames "
-            f"{self._dt:g} s apart: correct the rate or the unit of time in the column map"
+            f"{self.table.row_name(rows[1])}{seconds:g} s after the frame before, with frames "
+            f"{self.dt:g} s apart: correct the rate or the unit of time in the column map"
         )
 
     def _user(self, track: np.ndarray) -> tracks.User:
         """Return class, length and width of a track, from its rows or the second file."""
         rows = track
-        if self._users is not None:
-            rows = np.flatnonzero(self._users["id"] == self._table["id"][track[0]])
+        if self.users is not None:
+            rows = np.flatnonzero(self.users["id"] == self.table["id"][track[0]])
             if len(rows) != 1:
-                raise ValueError(f"{self._users.path.name} has {len(rows)} rows of it, not one")
+                raise ValueError(f"{self.users.path.name} has {len(rows)} rows of it, not one")
 
         def cells(name: str) -> tuple[Table, np.ndarray]:
-            if self._users is not None and name in self._users:
-                return self._users, rows
-            return self._table, track
+            if self.users is not None and name in self.users:
+                return self.users, rows
+            return self.table, track
 
         table, at = cells("class")
         numbers, first = np.unique(table["class"][at], return_index=True)
@@ -197,55 +194,55 @@ class _Draft:
             table.word("class", number).strip() for number in numbers[np.argsort(first)].tolist()
         ]
         # Rows without a known class have that of the others.
-        words = [word for word in words if word in self._columns.classes] or words
+        words = [word for word in words if word in self.columns.classes] or words
         word = words[0]
         if len({*words}) > 1:
             raise ValueError(f"its class changes from '{word}': give each road user its own id")
-        kind = self._columns.classes.get(word, RoadUser.OTHER)
+        kind = self.columns.classes.get(word, RoadUser.OTHER)
         sizes = []
         for side in ("length", "width"):
             table, at = cells(side)
             values = table[side][at]
-            good = values[np.isfinite(values)] * self._columns.scales["size"]
+            good = values[np.isfinite(values)] * self.columns.scales["size"]
             sizes.append(float(np.median(good)) if len(good) else 0.0)
         if min(sizes) <= 0:
-            if word not in self._columns.default_sizes:
+            if word not in self.columns.default_sizes:
                 raise ValueError(f"it has no size, nor has {kind.name.lower()} a default")
-            sizes = self._columns.default_sizes[word]
-        if word not in self._columns.classes:
+            sizes = self.columns.default_sizes[word]
+        if word not in self.columns.classes:
             fault = f"class '{one_line(word, 40)}' is not in the column map's [classes]"
             self.gathered.unknown(self._name(track), f"{table.row_name(at[0])}{fault}")
         return int(kind), float(sizes[0]), float(sizes[1])
 
     def _states(self, track: np.ndarray, user: tracks.User) -> np.ndarray:
         """Return five rows: x, y, heading, vx, vy."""
-        table, kind, length, width = self._table, *user
+        table, kind, length, width = self.table, *user
         try:
-            tracks.check_frames(self._frame[track], lambda row: table.row_name(track[row]))
+            tracks.check_frames(self.frame[track], lambda row: table.row_name(track[row]))
         except ValueError as error:
             # A row that was dropped leaves a gap.
             raise ValueError(table.faults.get(int(table["id"][track[0]]), error)) from error
         if "time" in table and "frame" in table and self._off_time(track).any():
             row = int(np.argmax(self._off_time(track)))
             raise ValueError(self._time_fault(track[row : row + 2]))
-        up = -1.0 if self._columns.y_down else 1.0
-        x, y = (table[axis][track] * self._columns.scales["position"] for axis in "xy")
+        up = -1.0 if self.columns.y_down else 1.0
+        x, y = (table[axis][track] * self.columns.scales["position"] for axis in "xy")
         self._check("x or y", track, x + y)
-        if self._columns.point == "corner":
+        if self.columns.point == "corner":
             # The upper left corner of an axis-parallel box, with y as in the file.
             x, y = x + length / 2, y + width / 2 * -up
         y = up * y
         heading, vx, vy = self._motion(track, x, y, kind == RoadUser.PEDESTRIAN)
-        if self._columns.point == "front":
+        if self.columns.point == "front":
             x, y = x - length / 2 * np.cos(heading), y - length / 2 * np.sin(heading)
         return np.stack([x, y, heading, vx, vy])
 
     def _motion(
         self, track: np.ndarray, x: np.ndarray, y: np.ndarray, walks: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        table, scales = self._table, self._columns.scales
-        up = -1.0 if self._columns.y_down else 1.0
-        vx, vy = tracks.smoothed(x, y, self._dt)
+        table, scales = self.table, self.columns.scales
+        up = -1.0 if self.columns.y_down else 1.0
+        vx, vy = tracks.smoothed(x, y, self.dt)
         if "vx" in table:
             vx, vy = (table[name][track] * scales["velocity"] for name in ("vx", "vy"))
             vy = up * vy
@@ -258,9 +255,9 @@ class _Draft:
             degrees = f"the heading is {table['heading'][row]:g}, more than a turn"
             raise ValueError(f"{table.row_name(row)}{degrees}")
         if heading is None and not walks:
-            if self._direction_at is None:
+            if self.direction_at is None:
                 raise _NeverMovesError
-            direction = self._direction_at(float(np.median(x)), float(np.median(y)))
+            direction = self.direction_at(float(np.median(x)), float(np.median(y)))
             if direction is None:
                 raise ValueError(
                     "it never moves, and no lane or other vehicle shows its direction: name the "
@@ -277,5 +274,5 @@ class _Draft:
 
     def _check(self, what: str, track: np.ndarray, values: np.ndarray) -> None:
         # The largest of a sum of two.
-        row = self._table.row_name
+        row = self.table.row_name
         tracks.check_numbers(what, values, lambda at: row(track[at]), 2 * FARTHEST)

@@ -33,24 +33,16 @@ Kinds = frozenset[str]  # our names of the columns of a kind
 
 
 class Table:
-    """Columns of a file by our names; texts are numbered, rows that can't be read are dropped.
-
-    Attributes:
-        path: The file.
-        n_rows: Number of rows, without the header.
-        words: Number of each word, for each column of text.
-        dropped: Number of rows that were dropped; a blank row is none.
-        faults: Fault of the first row that was dropped, by the value of the column `id`.
-        codes: Code of each word in the column `id`; tables of one recording share it.
-    """
+    """Columns of a file by our names; texts are numbered, rows that can't be read are dropped."""
 
     def __init__(
         self, path: Path, separator: str, most_rows: int, codes: dict[str, int] | None = None
     ) -> None:
         self.path, self.n_rows, self.dropped = path, 0, 0
+        # Of each word in the column `id`; tables of one recording share it.
         self.codes: dict[str, int] = {} if codes is None else codes
-        self.words: dict[str, dict[str, int]] = {}
-        self.faults: dict[int, str] = {}
+        self.words: dict[str, dict[str, int]] = {}  # number of each word, by column
+        self.faults: dict[int, str] = {}  # of the first row dropped, by `id`
         self._separator, self._most = separator, most_rows
         self._columns: dict[str, list[np.ndarray]] = {}
         self._numbers = np.zeros(0, np.int64)

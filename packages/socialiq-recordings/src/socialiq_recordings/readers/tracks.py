@@ -65,20 +65,13 @@ def check_numbers(
 
 
 class Gathered:
-    """Tracks of a file, and those that can't be used, which are listed with their reasons.
-
-    Attributes:
-        path: The file.
-        skipped: Number of the file's elements that are not tracks, by kind.
-        n_states: Number of states read.
-        faults: Rows and classes that could not be read.
-    """
+    """Tracks of a file, and those that can't be used, which are listed with their reasons."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.n_states = path, 0
-        self.skipped: dict[str, int] = {}
+        self.skipped: dict[str, int] = {}  # elements that are not tracks, by kind
         self._refused: list[Refused] = []
-        self.faults: list[Refused] = []
+        self.faults: list[Refused] = []  # rows and classes that could not be read
         self._unknown: list[Refused] = []
         self._users: list[tuple[int, User]] = []
         self._frames: list[np.ndarray] = []

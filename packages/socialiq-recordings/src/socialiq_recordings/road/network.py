@@ -127,12 +127,7 @@ def length_of(line: Float64[np.ndarray, "corner 2"]) -> float:
 
 
 class Elements:
-    """Elements of a map as a reader gathers them; one that can't be read is left out and named.
-
-    Attributes:
-        path: The map.
-        lanelets: Lanelets by their numbers.
-    """
+    """Elements of a map as a reader gathers them; one that can't be read is left out and named."""
 
     UNREADABLE = (KeyError, ValueError, TypeError, OverflowError, UserError)
 

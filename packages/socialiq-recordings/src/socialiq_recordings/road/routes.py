@@ -215,25 +215,14 @@ class Matcher:
 
 
 class Scene:
-    """Recording with its conflicts and routes.
-
-    Attributes:
-        tracks: Tracks of the recording.
-        lanes: Road with conflicts.
-        matcher: Matcher of that road.
-        vehicles: Numbers of the tracks that are vehicles.
-        speed: Speed along the heading, m/s, by state.
-
-    Raises:
-        UserError: If there is no road network, or Shapely is not installed.
-    """
+    """Recording with its conflicts and routes; `UserError` without a road, or without Shapely."""
 
     def __init__(self, recording: Recording) -> None:
         self.tracks = tracks = recording.tracks
         self.lanes: Lanes = lanes_of(recording.road)
         self.matcher = Matcher(recording.road)
         self.vehicles = np.flatnonzero(np.isin(tracks.road_user, [int(kind) for kind in VEHICLES]))
-        self.speed = tracks.along_and_across()[0]
+        self.speed = tracks.along_and_across()[0]  # m/s, by state
         self._starts = tracks.starts
         self._matched: dict[int, Matched] = {}
 

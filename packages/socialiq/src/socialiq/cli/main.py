@@ -175,11 +175,7 @@ def _print_and_exit(text: str) -> None:
 
 
 class Stream:
-    """Text stream that remembers the first failed write, and ignores what follows it.
-
-    Attributes:
-        failure: The failed write, if there was one.
-    """
+    """Text stream that remembers the first failed write, `failure`, and ignores what follows it."""
 
     def __init__(self, stream: Any) -> None:
         """Wrap a stream; None stands for one that was closed before the program began."""

@@ -54,15 +54,27 @@ def check(columns: Mapping[str, Any], n_actions: Any, mode_names: Any) -> None:
         raise UserError("mode_names must be a tuple of non-empty strings")
     if len(set(mode_names)) < len(mode_names) or len(mode_names) > np.iinfo(np.int8).max:
         raise UserError("mode_names must be distinct, and at most 127: merge or rename modes")
-    _check_layout(columns, LAYOUT | {"action": (np.float32, 2)} if continuous else LAYOUT)
+    check_layout(
+        columns, LAYOUT | {"action": (np.float32, 2)} if continuous else LAYOUT, "transition"
+    )
+    features, next_features = (
+        columns[name].shape[1] for name in ("observation", "next_observation")
+    )
+    if features != next_features:
+        raise UserError(
+            f"column next_observation has {next_features} features where observation has "
+            f"{features}: encode both the same way"
+        )
     for name, bad, problem in _faults(columns, n_actions, len(mode_names)):
         if bad.any():
             raise UserError(f"column {name}, row {int(np.argmax(bad))}: {problem}")
 
 
-def _check_layout(
-    columns: Mapping[str, Any], layout: Mapping[str, tuple[type[np.generic], int]]
+def check_layout(
+    columns: Mapping[str, Any], layout: Mapping[str, tuple[type[np.generic], int]], what: str
 ) -> None:
+    """Refuse columns of other types, axes or lengths than a layout's, a row per `what`."""
+    first = "action" if "action" in layout else next(iter(layout))
     for name, (dtype, axes) in layout.items():
         column = columns[name]
         if not isinstance(column, np.ndarray):
@@ -76,23 +88,15 @@ def _check_layout(
             )
         if column.ndim != axes:
             raise UserError(f"column {name} has {column.ndim} axes: reshape it to {axes}")
-    rows = len(columns["action"])
-    if rows == 0:
-        raise UserError("column action has no rows: pass at least one transition")
+    count = len(columns[first])
+    if count == 0:
+        raise UserError(f"column {first} has no rows: pass at least one {what}")
     for name in layout:
-        if len(columns[name]) != rows:
+        if len(columns[name]) != count:
             raise UserError(
-                f"column {name} has {len(columns[name])} rows where action has {rows}: "
-                "pass one row per transition"
+                f"column {name} has {len(columns[name])} rows where {first} has {count}: "
+                f"pass one row per {what}"
             )
-    features, next_features = (
-        columns[name].shape[1] for name in ("observation", "next_observation")
-    )
-    if features != next_features:
-        raise UserError(
-            f"column next_observation has {next_features} features where observation has "
-            f"{features}: encode both the same way"
-        )
 
 
 def _faults(

@@ -39,39 +39,24 @@ class Demonstrations:
     `next_observation` need not be the next row's `observation`, and the last row need not end
     the episode; sums over it are then refused. Nothing follows an end inside an episode.
 
-    Attributes:
-        observation: s.
-        action: a: discrete ones int32 in [0, n_actions), (transition,); continuous ones float32 in
-            [-1, 1], (transition, size), the ends being the bounds of the world's action space.
-        next_observation: s'.
-        terminated: Whether s' is a terminal state.
-        truncated: Whether the world's clock cut the episode at s'.
-        ending: Value of `types.Ending`: 3 TIMEOUT where only truncated, 0 NONE where neither.
-        rewards: (r_env, r_social), each (transition,), float64.
-        mode: Index into `mode_names` of the demonstrator; one per episode.
-        episode: Number of the episode, from 0 without gaps.
-        step: Number of the step within its episode, from 0; it skips where rows were left out.
-        mode_names: Names of the demonstrators' modes; some may be without episodes.
-        n_actions: Number of discrete actions of the world; 0 if they are continuous.
-        source: Provenance (world, options, seeds), as JSON returns it.
-
     Raises:
         UserError: If a column breaks any of this; the line names it and its first bad row.
     """
 
-    observation: Float32[np.ndarray, "transition feature"]
+    observation: Float32[np.ndarray, "transition feature"]  # s
+    # Discrete: int32 in [0, n_actions); continuous: float32 rows in [-1, 1], the world's bounds.
     action: Shaped[np.ndarray, "transition ..."]
-    next_observation: Float32[np.ndarray, "transition feature"]
-    terminated: Bool[np.ndarray, " transition"]
-    truncated: Bool[np.ndarray, " transition"]
-    ending: Int8[np.ndarray, " transition"]
-    rewards: RewardPair
-    mode: Int8[np.ndarray, " transition"]
-    episode: Int32[np.ndarray, " transition"]
-    step: Int32[np.ndarray, " transition"]
-    mode_names: tuple[str, ...]
-    n_actions: int
-    source: dict[str, Any]
+    next_observation: Float32[np.ndarray, "transition feature"]  # s'
+    terminated: Bool[np.ndarray, " transition"]  # s' is a terminal state
+    truncated: Bool[np.ndarray, " transition"]  # the world's clock cut the episode at s'
+    ending: Int8[np.ndarray, " transition"]  # `types.Ending`: TIMEOUT where only truncated
+    rewards: RewardPair  # float64
+    mode: Int8[np.ndarray, " transition"]  # of the demonstrator, in `mode_names`; one per episode
+    episode: Int32[np.ndarray, " transition"]  # from 0 without gaps
+    step: Int32[np.ndarray, " transition"]  # from 0; it skips where rows were left out
+    mode_names: tuple[str, ...]  # some may be without episodes
+    n_actions: int  # of the world; 0 if they are continuous
+    source: dict[str, Any]  # provenance (world, options, seeds), as JSON returns it
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
