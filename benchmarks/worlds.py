@@ -112,7 +112,7 @@ def other_roads(repeats: int) -> dict[str, float]:
 
 
 def effects_costs(repeats: int) -> dict[str, float]:
-    """How many times as long a decision takes with the measure of effects, median ratio by road."""
+    """Return how many times as long a decision takes with the measure of effects, by road."""
     costs = {}
     for name in ("intersection", *SCENES):
         plain, measured = (open_world(f"{name}{end}").batch(BATCH) for end in ("", CAUSED))
