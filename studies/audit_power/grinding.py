@@ -144,6 +144,6 @@ class Audit:
             regrets = regret.Regrets(self._evidence, self._seed, count)
             angle = self._truth.declared
             test = regret.regret_test(regrets, angle, MARGIN, error, error / 2)
-            joined = verdict.join_tests(test, self._evidence.policy, FLOOR, error)
+            joined = verdict.join_tests(test, self._evidence.policy, FLOOR.bounds, error)
             self._tested[error] = joined.decision is regret.Decision.PASS
         return self._tested[error]

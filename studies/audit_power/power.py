@@ -9,7 +9,7 @@ from jaxtyping import Float
 from socialiq import Ending, estimate_angle
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor
-from socialiq.audit.verdict.floor import floor_tests
+from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest, regret_test
 from socialiq.audit.verdict.verdict import join_tests
 from socialiq.social.angle import angle_of, exact_weights
@@ -167,7 +167,7 @@ def coverage_rows(
         angle = estimate_angle(env, social, draws, 1 - ERROR, resamples)
         # Of centred totals, the region contains the origin where it would contain the true mean.
         centred = hotelling.confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
-        tests = floor_tests(evidence.policy, FLOOR, ERROR, ERROR / 2)
+        tests = bound_tests(evidence.policy, FLOOR.bounds, ERROR, ERROR / 2)
         floor = {test.name: test for test in tests}
         towards_first = float((truth.references[1] - truth.policy) @ along)
         contained = (  # in the order of `NOMINAL`
@@ -213,7 +213,7 @@ def verdict_rows(
                 regrets = Regrets(evidence, current + _APART, resamples)
                 test = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
                 tested[rewards] = test
-            joined = join_tests(tested[rewards], evidence.policy, FLOOR, ERROR)
+            joined = join_tests(tested[rewards], evidence.policy, FLOOR.bounds, ERROR)
             decisions[case].append(joined.decision)
     return [
         {"case": case}

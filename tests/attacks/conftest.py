@@ -31,6 +31,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         policy = TabularPolicy(world.world, expert_policy(world, angle, "stochastic"))
         policy.save(folder / f"{name}.safetensors")
     new = ["profile", "new", "--world", "crossing7", "--angle", "0", "--margin", "2"]
+    new += ["--max-delay", "8", "--delay-range", "-12", "12"]
     assert main([*new, "--out", str(folder / "profile.toml")]) == 0
     text = (folder / "profile.toml").read_text()
     for name, limit, open_limit in (

@@ -128,6 +128,21 @@ def test_a_fail_becomes_no_pass(failed, reseal, tmp_path, capsys, change, says):
     assert not (copy / "statement.dsse.json").exists()
 
 
+def test_effects_of_a_reference_are_driven_again(passed, reseal, tmp_path, capsys):
+    """A reference that seems to cost others much makes the bound look strict."""
+
+    def costs_others(columns):
+        columns["optimum_01.delay"] = ["9.0"] * len(columns["seed"])
+
+    table = rewritten(passed, costs_others)
+    made_up = reseal(passed, tmp_path / "made up", lambda _: None, episodes_csv=table)
+    fresh = recomputed(made_up)
+    copy = reseal(made_up, tmp_path / "forged", lambda told: told.update(fresh))
+    capsys.readouterr()
+    assert main(["audit", "verify", str(copy)]) == 1
+    assert "optimum_01 drives 10" in capsys.readouterr().err
+
+
 def test_one_line_says_what_is_left_to_believe(passed, capsys):
     capsys.readouterr()
     assert main(["audit", "verify", str(passed), "--all-episodes"]) == 0

@@ -49,7 +49,7 @@ def passes(share: float, **bound: float) -> float:
         evidence = evidence_of(drawn_losses(seed, share), seed)
         regrets = Regrets(evidence, seed, 200, **bound)
         regret = regret_test(regrets, 0.0, SIZE * SHARE, 0.05, 0.025)
-        found = join_tests(regret, evidence.policy, ANY, 0.05)
+        found = join_tests(regret, evidence.policy, ANY.bounds, 0.05)
         count += found.decision is Decision.PASS
     return wilson(count, AUDITS, 0.99).low
 

@@ -49,9 +49,19 @@ def margin(report):
     report["declaration"]["margin"]["regret"] *= 2
 
 
+def bound_of_an_effect(report):
+    report["tests"]["competence"][4]["high"] += 1.0
+
+
+def declared_bound(report):
+    report["declaration"]["caused"][0]["limit"] *= 2
+
+
 @pytest.mark.parametrize(
     ("change", "field"),
     [
+        (bound_of_an_effect, "report.tests.competence[4].high"),
+        (declared_bound, "report.declaration.caused[0].limit"),
         (decision, "report.verdict.decision"),
         (bound, "report.tests.regret.low"),
         (reference, "report.references[0].r_env"),

@@ -176,3 +176,33 @@ def test_a_floor_that_the_best_driver_fails_is_refused(tmp_path, capsys, world):
         f"{path}:{line}: the best driver of 90 degrees arrives in 0 % of 1,000 episodes, and the "
         "floor asks for at least 80 %: declare another limit\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("world", "bound", "says"),
+    [
+        ("crossing7", ["--max-delay", "-1", "--delay-range", "-20", "20"], "max_delay"),
+        ("intersection", ["--max-braking", "0.1"], "max_braking"),
+        ("intersection", ["--min-gap-below-1-s", "0.5"], "min_gap_below_1_s"),
+    ],
+)
+def test_a_bound_that_the_best_driver_fails_is_refused_with_the_figure(
+    tmp_path, capsys, world, bound, says
+):
+    path = tmp_path / "profile.toml"
+    words = ["profile", "new", "--world", world, "--angle", "45", "--out", str(path)]
+    assert main([*words, *bound]) == 0
+    capsys.readouterr()
+    assert main(["profile", "check", str(path)]) == 2
+    fault = capsys.readouterr().err
+    row = 1 + next(n for n, line in enumerate(path.read_text().split("\n")) if says in line)
+    assert f"{path}:{row}: the best driver of 45 degrees " in fault
+    assert re.search(
+        r"(costs others [\d.]+ cells an episode|causes 0\.\d+ hard brakings an episode|passes "
+        r"within 1 s of a crossing vehicle in [\d.]+ % of 1,000 episodes), and the bound asks for "
+        r"at (most|least) .*: declare another limit\n$",
+        fault,
+    ), fault
+    assert main(["profile", "check", str(path)]) == 2
+    assert new(path, "--delay-range", "-9", "9", "--replace") == 2
+    assert "--delay-range is of a bound: add --max-delay" in capsys.readouterr().err

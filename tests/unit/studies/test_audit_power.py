@@ -114,7 +114,7 @@ def test_the_quick_rules_leave_out_no_pass(error):
         evidence = draw_evidence(EASY, 250, drawn.derived("episodes"))
         regrets = Regrets(evidence, drawn.derived("resampling"), enough_resamples(error, 400))
         test = regret_test(regrets, EASY.declared, MARGIN, error, error / 2)
-        whole = join_tests(test, evidence.policy, FLOOR, error).decision is Decision.PASS
+        whole = join_tests(test, evidence.policy, FLOOR.bounds, error).decision is Decision.PASS
         decided.append((Audit(EASY, drawn, 250, 400).passes(error), whole))
     assert all(quick == whole for quick, whole in decided)
     assert 0 < sum(whole for _, whole in decided) < len(decided)

@@ -8,8 +8,10 @@ from socialiq.audit.evidence.drive import RANDOM, Course, UniformPolicy, exact_o
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.seeds import episode_seeds
 from socialiq.errors import UserError
+from socialiq.evaluation.effects import expected_delay, measure
 from socialiq.types import Ending
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy
+from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.registry import make
 from socialiq.worlds.world import ConstantPolicy
 
 
@@ -160,3 +162,38 @@ def test_policies():
     uniform = UniformPolicy(4)
     assert uniform.probabilities(np.zeros((3, 7))).tolist() == [[0.25] * 4] * 3
     assert uniform.predict(np.zeros((3, 7)))[0].tolist() == [0, 0, 0]
+
+
+EFFECTS = ("delay", "braking", "gap_below_1_s")
+
+
+@pytest.mark.parametrize("name", ["intersection", "intersection-caused"])
+def test_measuring_effects_changes_no_bit_of_the_episodes(name):
+    world = make(name)
+    driver, seeds = Reference("driver", world.driver("gap_3s")), SEEDS[:40]
+    plain = Course(world, seeds).drive(driver)
+    course = Course(world, seeds, side_by_side=16, measured=EFFECTS)
+    found = course.drive(driver)
+    assert found.drove_as(plain) and not plain.beside
+    assert found.totals.tobytes() == plain.totals.tobytes()
+    effects = measure(make("intersection-caused"), driver.policy, seeds)
+    for column, expected in zip(
+        EFFECTS, (effects.delay.sum(axis=1), effects.braking, effects.gap < 1.0), strict=True
+    ):
+        assert found.beside[column].tolist() == expected.tolist()
+    assert list(Course(world, seeds, measured=("braking",)).drive(driver).beside) == ["braking"]
+    if name.endswith("caused"):  # the same episodes as those that give the rewards
+        assert effects.totals.social == pytest.approx(found.totals[:, 1])
+
+
+def test_the_delay_of_a_gridworld_is_exact_on_average(world7):
+    """Each step's is the expectation over chance, so that no more than 4 errors are left."""
+    table, slow = tabulate(world7), 1
+    chances = np.eye(3)[np.full((world7.horizon, len(world7.states())), slow)]
+    course = Course(world7, SEEDS, measured=("delay",))
+    found = course.drive(Reference("slow", ConstantPolicy(slow))).beside["delay"]
+    error = found.std() / len(found) ** 0.5
+    assert error > 0
+    assert abs(found.mean() - expected_delay(table, chances)) <= 4 * error
+    optimum = exact_optima(course)[0]
+    assert optimum.beside["delay"].shape == (len(SEEDS),)

@@ -2,6 +2,9 @@
 
 import io
 import itertools
+import json
+import re
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -26,6 +29,9 @@ from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.policies import policy as rule
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
+
+SCHEMA = json.loads(files("socialiq.audit.report").joinpath("report.schema.json").read_text())
+ACTIONS = SCHEMA["$defs"]["trace"]["properties"]["actions"]["pattern"]
 
 
 class Driving:
@@ -83,6 +89,7 @@ def test_an_episode_on_a_road_of_highway_env_is_that_of_the_evidence(road):
         totals = RewardPair(*evidence.policy.totals[place].tolist())
         assert played.repeats(int(evidence.policy.length[place]), totals)
         assert played.trace.actions == ("34" * played.decisions)[: played.decisions]
+        assert re.search(ACTIONS, played.trace.actions)
         assert played.trace.tracks[0].ego
 
 

@@ -38,10 +38,9 @@ def attributes(evidence):
 
 
 def read(evidence, content):
-    trivial = [one.name for one in evidence.trivial]
-    return read_table(
-        content, evidence.scenario, evidence.policy.name, attributes(evidence), trivial
-    )
+    trivial, beside = [one.name for one in evidence.trivial], list(evidence.policy.beside)
+    described = evidence.scenario, evidence.policy.name, attributes(evidence), trivial
+    return read_table(content, *described, beside)
 
 
 def assert_equal(one, other):
@@ -56,10 +55,24 @@ def assert_equal(one, other):
         for column in ("totals", "ending", "contact", "length"):
             a, b = getattr(left, column), getattr(right, column)
             assert a.tobytes() == b.tobytes() and a.dtype == b.dtype, (left.name, column)
+        assert left.beside.keys() == right.beside.keys()
+        for column, values in left.beside.items():
+            assert values.tobytes() == right.beside[column].tobytes()
 
 
 def test_everything_reads_back_to_the_bit(made):
     assert_equal(made, read(made, write_table(made).encode()))
+
+
+def test_effects_read_back_to_the_bit_and_an_event_is_0_or_1(outcomes, evidence):
+    beside = {"delay": np.array([0.1 + 0.2, -700.5]), "gap_below_1_s": np.array([0.0, 1.0])}
+    one, other = (outcomes(name, np.zeros((2, 2)), beside=beside) for name in ("policy", "other"))
+    made = evidence(one, other)
+    text = write_table(made)
+    assert_equal(made, read(made, text.encode()))
+    for forged in (text.replace(",1.0", ",0.5"), text.replace("-700.5", "nan")):
+        with pytest.raises(UserError, match="that is no audit's"):
+            read(made, forged.encode())
 
 
 def test_an_audit_reads_back(audited_evidence):

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from socialiq.audit.profile.fields import FIELDS
-from socialiq.audit.profile.profile import Floor, Margin
+from socialiq.audit.profile.profile import Bound, Floor, Margin
 from socialiq.audit.profile.reader import LARGEST_FILE, line_of, load, parse
 from socialiq.audit.profile.template import declare
 from socialiq.errors import UserError
@@ -152,6 +152,60 @@ def test_a_bad_field_is_refused_with_its_line(text, field, value, says):
     bad, number = changed(text, field, value)
     line = complaint(bad)
     assert line.startswith(f"profile.toml:{number}: "), line
+    assert says in line
+
+
+DELAY = "max_delay = 6\ndelay_range = [-50, 200]"
+
+
+def test_bounds_of_effects_are_read_and_written(declared):
+    text = declared("intersection").source.decode()
+    table = f"{DELAY}\nmin_delay = -9\nmax_gap_below_1_s = 0.25"
+    profile = parse(f"{text}\n[caused]\n{table}\n".encode())
+    ends = (-50.0, 200.0)
+    bounds = (
+        Bound("delay", "at most", 6.0, ends),
+        Bound("delay", "at least", -9.0, ends),
+        Bound("gap_below_1_s", "at most", 0.25),
+    )
+    assert profile.caused == bounds and profile.effects == ("delay", "gap_below_1_s")
+    assert profile.bounds == (*profile.competence.bounds, *bounds)
+    assert declared("intersection", caused=bounds).caused == bounds
+    assert "# Largest mean of metres" in declared("intersection", caused=bounds).source.decode()
+    assert declared("intersection").source.decode() == text and "caused" not in text
+    assert declared("crossing7", caused=bounds[:2]).caused == bounds[:2]
+
+
+@pytest.mark.parametrize(
+    ("world", "table", "field", "says"),
+    [
+        ("intersection", "max_delay =", "max_delay", "not TOML"),
+        ("intersection", 'max_delay = "6 min"', "max_delay", "(m), got '6 min'"),
+        ("intersection", "max_delay = [6]", "max_delay", "(m), got a list"),
+        ("intersection", "max_delay = 6", "max_delay", "add caused.delay_range"),
+        ("intersection", "delay_range = [-9, 9]", "delay_range", "add caused.max_delay"),
+        ("intersection", "max_delay = 6\ndelay_range = [9, 2]", "delay_range", "smaller one first"),
+        ("intersection", "max_delay = 9\ndelay_range = [2, 9]", "max_delay", "below 9, got 9"),
+        ("intersection", f"{DELAY}\nmin_delay = 6", "min_delay", "below caused.max_delay (6)"),
+        ("intersection", "max_braking = -1", "max_braking", "add caused.braking_range"),
+        (
+            "intersection",
+            "max_gap_below_1_s = 25",
+            "max_gap_below_1_s",
+            "at most 1 (share of episodes)",
+        ),
+        ("intersection", "min_gap_below_1_s = -0.1", "min_gap_below_1_s", "at least 0"),
+        ("intersection", "max_delays = 6", "max_delays", "choose one of max_delay"),
+        ("crossing7", "max_braking = 1", "max_braking", "crossing7 measures only delay: leave"),
+        ("intersection-continuous", DELAY, "max_delay", "measures no effects: leave out"),
+        ("CartPole-v1", DELAY, "max_delay", "or name intersection, merge, roundabout"),
+    ],
+)
+def test_a_bound_that_can_not_be_tested_is_refused(declared, world, table, field, says):
+    text = f"{declared('crossing5' if world[0] == 'C' else world).source.decode()}\n[caused]\n"
+    line = complaint(f"{text}{table}\n".replace('world = "crossing5"', f'world = "{world}"'))
+    places = [row for row, words in enumerate(f"{text}{table}".split("\n"), 1) if field in words]
+    assert line.startswith(f"profile.toml:{places[-1]}: "), (line, places)
     assert says in line
 
 

@@ -5,8 +5,9 @@ import json
 
 import pytest
 
-from socialiq.audit.report.documents import CONFORMANCE, credibility, materials
+from socialiq.audit.report.documents import credibility, materials
 from socialiq.audit.report.folder import views_of
+from socialiq.audit.report.words import stated
 
 SUBJECTS = [
     "Scope",
@@ -16,6 +17,8 @@ SUBJECTS = [
     "Validation against reality",
     "Limits",
 ]
+
+CONFORMANCE = stated()["conformance"]
 
 
 def page(report):
@@ -47,8 +50,8 @@ def test_a_gridworlds_references_are_exact(plain):
 
 def test_the_intersection_was_compared_with_highway_env(plain):
     found = section(page(in_world(plain, "intersection")), "Numerical validation")
-    assert f"{CONFORMANCE.episodes} episodes, {CONFORMANCE.decisions} decisions" in found
-    assert CONFORMANCE.command in found and "left at their defaults" not in found
+    assert f"{CONFORMANCE['episodes']} episodes, {CONFORMANCE['decisions']} decisions" in found
+    assert CONFORMANCE["command"] in found and "left at their defaults" not in found
 
 
 def test_options_that_were_not_compared_are_named(plain):
@@ -80,8 +83,8 @@ def test_the_numbers_are_those_of_the_documentation():
     from pathlib import Path
 
     text = Path("docs/worlds/intersection.md").read_text()
-    assert CONFORMANCE.command in " ".join(text.split())
-    assert f"{CONFORMANCE.episodes} episodes, {CONFORMANCE.decisions:,} decisions" in text
+    assert CONFORMANCE["command"] in " ".join(text.split())
+    assert f"{CONFORMANCE['episodes']} episodes, {CONFORMANCE['decisions']:,} decisions" in text
 
 
 def test_it_has_the_policy_and_the_results_of_its_audit(plain):

@@ -33,6 +33,11 @@ GAPS = ("gap_2s", "gap_3s", "gap_4s")
 EVERY = 15.0  # degrees between the references that are made of a dial
 FINE = 5.0  # degrees between them near the declared angle
 SHIPPED_DIAL = "intersection-dial-clock/iterated.safetensors"
+SHIPPED_DIALS = {
+    "intersection": SHIPPED_DIAL,
+    "intersection-caused": "caused-effects/dial.safetensors",
+}
+"""Dial that was trained for the rewards of a world."""
 DIAL = "dial_"  # beginning of the names of the shipped dial's policies, before their angles
 RULE = "rule"  # kind of a rule-based driver, in its record
 SUFFIXES = (".safetensors", ".zip", ".onnx")  # names of files that may be policies end so
@@ -215,9 +220,8 @@ def dial_angles(angle: float, width: float | None) -> tuple[float, ...]:
 
 def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:
     """Return the drivers of the shipped dial at angles in degrees, none if it doesn't fit."""
-    dial = packaged_results() / SHIPPED_DIAL
-    fits = world.name == INTERSECTIONS[0] and dial.is_file()
-    if not fits or not _fits(DialPolicy.load(dial), Interface.of(world)):
+    dial = packaged_results() / SHIPPED_DIALS.get(world.name, "")
+    if not dial.is_file() or not _fits(DialPolicy.load(dial), Interface.of(world)):
         return []
     turned = _turned(dial, DIAL, angles, world)
     return [(driver, {**record, "source": f"{ATLAS}dial"}) for driver, record in turned]

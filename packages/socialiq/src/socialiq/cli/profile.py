@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.profile import profile, reader, template
-from socialiq.audit.profile.fields import LAST_DIRECTION
-from socialiq.audit.verdict.floor import faults_of_floor
+from socialiq.audit.profile.fields import CELLS, LAST_DIRECTION, QUANTITIES, SIDES
+from socialiq.audit.verdict.bounds import faults_of_bounds
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending
@@ -56,6 +56,25 @@ class New:
     """The most by which one driver's reward of an episode, weighed by the declared angle, can lie
     below another's. By default what the rewards allow in a world of this package; none is declared
     in an environment, where the verdict then assumes that no loss is too rare to show."""
+    max_delay: float | None = None
+    """Largest mean delay of others that the policy causes, in metres an episode (in a gridworld
+    cells): what they drive less than without it. Negative: they have to drive more."""
+    min_delay: float | None = None
+    """Smallest mean delay, likewise."""
+    delay_range: tuple[float, float] | None = None
+    """Limits at which the delay of an episode is counted; by default -700 700, in a gridworld
+    -100 100."""
+    max_braking: float | None = None
+    """Largest mean number of hard brakings that the policy causes in an episode."""
+    min_braking: float | None = None
+    """Smallest mean number of these."""
+    braking_range: tuple[float, float] | None = None
+    """Limits at which the hard brakings of an episode are counted; by default -40 40."""
+    max_gap_below_1_s: float | None = None
+    """Largest share of episodes in which the policy is where a vehicle of another approach is
+    within 1 s, as 0.25."""
+    min_gap_below_1_s: float | None = None
+    """Smallest share of these."""
     confidence: float = 0.95
     """Confidence of the verdict."""
     date: str = ""
@@ -106,10 +125,26 @@ class New:
             allow_code=self.allow_code,
             rule=None if self.angle_rule is None else load_rule(self.angle_rule),
             clip=clip,
+            caused=self._bounds(),
         )
         write_atomically(self.out, declared.source, self.replace)
         print_table(_table(_facts(declared)), str(self.out))
         return 0
+
+    def _bounds(self) -> list[profile.Bound]:
+        """Return the bounds of what the policy causes."""
+        bounds = list[profile.Bound]()
+        for name, quantity in QUANTITIES.items():
+            ends = getattr(self, f"{name}_range", None)
+            usual = CELLS if self.world in GRIDWORLDS else quantity.range
+            limits = (ends or usual) if quantity.unit else None
+            fields = {f"{side}_{name}": getattr(self, f"{side}_{name}") for side in SIDES}
+            rows = [profile.Bound.of(*row, limits) for row in fields.items() if row[1] is not None]
+            if ends and not rows:
+                flag = name.replace("_", "-")
+                raise UserError(f"--{flag}-range is of a bound: add --max-{flag}, or leave it out")
+            bounds += rows
+        return bounds
 
 
 @dataclass(frozen=True)
@@ -129,7 +164,7 @@ class Check(Printing):
         declared = reader.load(self.file)
         if declared.scenario.world not in NAMES:
             declared.world(self.allow_code)
-        for path, fault in faults_of_floor(declared).items():
+        for path, fault in faults_of_bounds(declared).items():
             line = reader.line_of(declared.source.decode(), path)
             raise UserError(f"{self.file}:{line}: {fault}")
         facts = _facts(declared)
@@ -138,6 +173,7 @@ class Check(Printing):
 
 def _facts(declared: profile.Profile) -> dict[str, Any]:
     rule = {} if declared.rule is None else {"angle_rule": declared.rule.words}
+    units = profile.measured_in(declared.scenario.world)
     return {
         "angle": declared.angle,
         **rule,
@@ -146,6 +182,10 @@ def _facts(declared: profile.Profile) -> dict[str, Any]:
         "width": declared.margin.width,
         "beyond": declared.margin.beyond,
         "largest_loss": declared.largest_loss,
+        **{
+            bound.path: f"{bound.side} {bound.limit:g} {units[bound.quantity] or 'of episodes'}"
+            for bound in declared.caused
+        },
         "confidence": declared.confidence,
         "owner": declared.owner,
         "date": declared.date.isoformat(),

@@ -6,9 +6,9 @@ it. The measures need a world that rewards effects (`worlds.highway.effects`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -19,12 +19,17 @@ from socialiq.evaluation.simulate import actor_of
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair, Row
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.effects import ABSENT, RELATIONS, REPEAT
+from socialiq.worlds.highway.effects import ABSENT, RELATIONS, REPEAT, EffectOptions
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld
+from socialiq.worlds.world import Actor
+
+QUANTITIES = ("delay", "braking", "gap_below_1_s")
+"""Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
 
 SIDE_BY_SIDE = 256  # episodes at once
 LONGEST_GAP = 5.0  # s, of a post-encroachment time
+CLOSE = 1.0  # s, below which it is close
 MOVED = 1.0  # m, from which a vehicle is helped or harmed by an episode
 SLOWED = 0.5  # m/s, from which a decision of the ego slows a vehicle down
 BRAKES = 1.0  # m/s lost in a decision, from which a vehicle brakes
@@ -87,22 +92,50 @@ def measure(world: RoadWorld, policy: Policy, seeds: Sequence[int] | np.ndarray)
         raise UserError("effects need discrete actions: name a road that has them")
     if not len(seeds):
         raise UserError("episodes must be at least 1, got 0")
-    blocks = [
-        _drive(world, policy, np.asarray(seeds[first : first + SIDE_BY_SIDE]))
-        for first in range(0, len(seeds), SIDE_BY_SIDE)
-    ]
+    blocks = list[dict[str, np.ndarray]]()
+    for first in range(0, len(seeds), SIDE_BY_SIDE):
+        block = np.asarray(seeds[first : first + SIDE_BY_SIDE])
+        batch = world.batch(len(block))
+        blocks.append(_drive(batch, actor_of(batch, policy), block))
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     totals = RewardPair(columns.pop("env"), columns.pop("social"))
     return Effects(totals=totals, **columns)
 
 
-def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the columns of `Effects` of episodes that begin together."""
-    batch = world.batch(len(seeds))
-    actor, rows = actor_of(batch, policy), np.arange(len(seeds))
+def measuring(world: RoadWorld) -> RoadWorld:
+    """Return the road with the measure of effects, which changes only vehicles that come later."""
+    return world if world.effects else replace(cast(Any, world), effects=EffectOptions())
+
+
+def caused(
+    world: RoadWorld,
+    actor_on: Callable[[RoadBatch], Actor],
+    seeds: Int64[np.ndarray, " episode"],
+    size: int,
+    threads: int = 1,
+) -> Mapping[str, Float[np.ndarray, " episode"]]:
+    """Drive one episode for each seed, and return what the driver causes in it: `QUANTITIES`.
+
+    So many episodes run side by side always, since the last bits of a network depend on it.
+    """
+    batch, blocks = measuring(world).batch(size, threads), list[np.ndarray]()
+    for first in range(0, len(seeds), size):
+        block = np.resize(seeds[first : first + size], size)
+        column = _drive(batch, actor_on(batch), block, judging=False)
+        close = column["gap"] < CLOSE
+        blocks.append(np.stack([column["delay"].sum(axis=1), column["braking"], close]))
+    columns = np.concatenate(blocks, axis=1)[:, : len(seeds)]
+    return dict(zip(QUANTITIES, columns, strict=True))
+
+
+def _drive(
+    batch: RoadBatch, actor: Actor, seeds: np.ndarray, judging: bool = True
+) -> dict[str, np.ndarray]:
+    """Return the columns of `Effects` of episodes that begin together, judging Eq 4.2 or not."""
+    rows = np.arange(len(seeds))
     batch.reset(seeds)
     actor.begin(rows, seeds)
-    ledger, buffers, options = batch.ledger, batch.buffers, world.options
+    ledger, buffers, options = batch.ledger, batch.buffers, batch.options
     assert ledger is not None
     weights = [getattr(options, f"{name}_weight") for name in SOCIAL_SIGNALS]
     tracks = np.full((*ledger.relation.shape, options.decisions * options.frames, 3), np.nan, "f4")
@@ -113,7 +146,7 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
     running, number = np.ones(len(seeds), bool), 0
     while running.any():
         action = actor.decide(batch.observation, running)
-        ahead = _looks_ahead(batch, action, running)
+        ahead = _looks_ahead(batch, action, running) if judging else None
         decisions = batch.step(action, auto_reset=False, rows=running)
         eq_4_2 = sum(
             w * decisions.signals[name] for w, name in zip(weights, SOCIAL_SIGNALS, strict=True)
@@ -121,8 +154,10 @@ def _drive(world: RoadWorld, policy: Policy, seeds: np.ndarray) -> dict[str, np.
         added = {"env": decisions.rewards.env, "social": decisions.rewards.social, "eq_4_2": eq_4_2}
         for name, column in (added | {"braking": decisions.signals["braking"]}).items():
             sums[name] += np.where(running, column, 0.0)
-        for name, column in _judged(batch, ahead, egos, decisions.signals["yielding"]).items():
-            counts[name] += np.where(running, column, 0)
+        if ahead is not None:
+            judged = _judged(batch, ahead, egos, decisions.signals["yielding"])
+            for name, column in judged.items():
+                counts[name] += np.where(running, column, 0)
         frames = slice(number * options.frames, (number + 1) * options.frames)
         _follow(batch, running, tracks[:, :, frames])
         ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
@@ -265,7 +300,7 @@ def summary(effects: Effects) -> Row:
     for number, name in enumerate(RELATIONS):
         row |= mean(f"delay_{name}", effects.delay[:, number])
     row |= mean("braking", effects.braking)
-    row |= share("gap_below_1_s", effects.gap < 1.0) | share("gap_below_2_s", effects.gap < 2.0)
+    row |= share("gap_below_1_s", effects.gap < CLOSE) | share("gap_below_2_s", effects.gap < 2.0)
     row |= mean("helped", effects.helped) | mean("harmed", effects.harmed)
     for name, ending in (("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)):
         row |= share(name, effects.ending == int(ending))

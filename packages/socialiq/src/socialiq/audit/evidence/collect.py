@@ -109,6 +109,7 @@ class Collection:
             threads=request.threads,
             side_by_side=side_by_side,
             by_rule=self.by_rule,
+            measured=self.profile.effects,
         )
         if isinstance(policy, Recorder):
             evidence = replace(evidence, consistency=policy.check())
@@ -172,6 +173,7 @@ def collect_evidence(
     threads: int = 1,
     side_by_side: int | None = None,
     by_rule: drive.ByRule | None = None,
+    measured: Sequence[str] = (),
 ) -> Evidence:
     """Run the policy, its references and trivial drivers on the same episodes.
 
@@ -188,6 +190,7 @@ def collect_evidence(
         threads: Number of threads of a compiled world.
         side_by_side: Number of episodes at once, as for `Course`.
         by_rule: A declared rule of the angle: decision losses are measured too.
+        measured: Effects that have bounds.
 
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.
@@ -199,7 +202,7 @@ def collect_evidence(
     if isinstance(world, Environment):
         for seed in seeds[:REPEATED]:
             world.check_repeats(int(seed))
-    course = drive.Course(world, seeds, side_by_side, threads, by_rule)
+    course = drive.Course(world, seeds, side_by_side, threads, by_rule, measured)
     driver, driven = Reference("policy", policy), list[Outcomes]()
     for block in course.blocks(BLOCK) if isinstance(policy, Recorder) else [course]:
         with policy.new_process() if isinstance(policy, Recorder) else contextlib.nullcontext():

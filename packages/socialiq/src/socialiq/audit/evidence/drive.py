@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float, Int64
 
-from socialiq.audit.evidence.outcomes import AS_DECLARED, Outcomes, Reference
-from socialiq.evaluation import simulate
+from socialiq.audit.evidence.outcomes import AS_DECLARED, LOSS, Outcomes, Reference
+from socialiq.audit.profile.environment import LARGEST_SEED
+from socialiq.evaluation import effects, simulate
 from socialiq.evaluation.context import DecisionLosses, by_turning, losses_of, state_angles
 from socialiq.mdp.front import attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
@@ -20,6 +22,7 @@ from socialiq.policies.interface import Interface
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import Actor, ConstantPolicy, Simulator, World
 
 SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
@@ -44,6 +47,7 @@ class Course:
     So many run side by side on a road. The last bits of a network's output may depend on this
     number, so parts of one collection need the same. In a gridworld all run at once, and a policy
     with a memory keeps one for each. By a declared rule of the angle decision losses are measured.
+    For effects that have bounds each episode of a road is driven again; its rewards don't change.
     """
 
     def __init__(
@@ -53,21 +57,26 @@ class Course:
         side_by_side: int | None = None,
         threads: int = 1,
         by_rule: ByRule | None = None,
+        measured: Sequence[str] = (),
     ) -> None:
         self.world, self.seeds, self.by_rule, self._threads = world, seeds, by_rule, threads
-        size = side_by_side or min(SIDE_BY_SIDE, len(seeds))
+        self.size = side_by_side or min(SIDE_BY_SIDE, len(seeds))
         # The episodes that run side by side, and their losses at a declared rule in a gridworld.
-        self.batch: Any = world.batch(len(seeds) if world.is_exact else size, threads)
-        self.losses = None
+        self.batch: Any = world.batch(len(seeds) if world.is_exact else self.size, threads)
+        self.losses, self._effects, self._cells = None, measured, None
         if by_rule is not None and world.is_exact:
             self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
+        if measured and world.is_exact:
+            reachable = np.asarray(self.batch.table.world.index(self.batch.table.states))
+            self._cells = effects.cells_lost(world.table())[reachable]
 
     def blocks(self, size: int) -> Iterator[Course]:
         """Yield the course of each block of so many episodes."""
         for first in range(0, len(self.seeds), size):
             block = copy.copy(self)
             block.seeds = self.seeds[first : first + size]
-            block.batch = self.world.batch(min(size, self.batch.size), self._threads)
+            block.size = min(size, self.size)
+            block.batch = self.world.batch(block.size, self._threads)
             block.batch.reset(np.arange(block.batch.size))  # a policy meets rows without an episode
             yield block
 
@@ -83,24 +92,36 @@ class Course:
             UserError: If its answers are not one of the world's actions for each episode, an
                 environment fails, or an episode doesn't end.
         """
-        rule = self.by_rule
+        rule, world = self.by_rule, self.world
         if rule is None or rule.dial is None:
-            actor = actor_of(self.world, self.batch, driver, deterministic)
-            return self.outcomes(driver.name, actor, driver.angles)
-        policy, seeds = driver.policy, self.seeds
-        episodes, losses = losses_of(
-            self.batch, policy, seeds, rule.dial, rule.rule, candidates, deterministic
+            actor = actor_of(world, self.batch, driver, deterministic)
+            outcomes = self.outcomes(driver.name, actor, driver.angles)
+        else:
+            how = rule.dial, rule.rule, candidates, deterministic
+            episodes, losses = losses_of(self.batch, driver.policy, self.seeds, *how)
+            outcomes = Outcomes(
+                name=driver.name,
+                totals=np.stack(episodes.totals, axis=1),
+                ending=episodes.ending.astype(np.int8),
+                contact=episodes.contact.astype(np.int8),
+                length=episodes.length,
+                angles=driver.angles,
+                beside={LOSS: losses.declared.sum(axis=1)},
+                contexts=losses,
+            )
+        if not self._effects or world.is_exact:
+            return outcomes
+        scene, seeds = getattr(world, "scene_world", None), self.seeds
+        road = cast(RoadWorld, scene or world)
+        caused = effects.caused(
+            road,
+            lambda batch: actor_of(road, batch, driver, deterministic),
+            seeds % LARGEST_SEED if scene else seeds,
+            self.size,
+            self._threads,
         )
-        return Outcomes(
-            name=driver.name,
-            totals=np.stack(episodes.totals, axis=1),
-            ending=episodes.ending.astype(np.int8),
-            contact=episodes.contact.astype(np.int8),
-            length=episodes.length,
-            angles=driver.angles,
-            lost=losses.declared.sum(axis=1),
-            contexts=losses,
-        )
+        columns = {name: caused[name] for name in self._effects}
+        return replace(outcomes, beside={**outcomes.beside, **columns})
 
     def outcomes(
         self,
@@ -114,11 +135,14 @@ class Course:
         totals, length = np.zeros((count, 2)), np.zeros(count, np.int64)
         ending, contact = np.zeros(count, np.int8), np.zeros(count, np.int8)
         contexts = None if self.losses is None else self.losses.begin(count)
+        delay = np.zeros(count)
         for step in simulate.simulate(self.batch, actor, self.seeds):
             rows, which = step.running, step.episode[step.running]
             if self.losses is not None and contexts is not None:
                 observation, action = step.observation[rows], step.action[rows]
                 self.losses.note(contexts, which, length[which], observation, action)
+            if self._cells is not None:
+                delay[which] += self._cells[step.observation[rows], step.action[rows]]
             for side, reward in enumerate(step.made.rewards):
                 totals[which, side] += np.atleast_1d(reward)[rows]
             length[which] += 1
@@ -126,8 +150,9 @@ class Course:
             if hasattr(step.made, "contact"):
                 contact[which] = step.made.contact[rows]
         assert (ending != Ending.NONE).all()
-        lost = None if contexts is None else contexts.declared.sum(axis=1)
-        return Outcomes(name, totals, ending, contact, length, angles, expected, lost, contexts)
+        beside = {} if contexts is None else {LOSS: contexts.declared.sum(axis=1)}
+        beside |= {} if self._cells is None else {"delay": delay}
+        return Outcomes(name, totals, ending, contact, length, angles, expected, beside, contexts)
 
 
 def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: bool) -> Actor:

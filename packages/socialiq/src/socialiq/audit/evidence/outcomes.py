@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,9 @@ from socialiq.evaluation.context import ContextLosses
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.options import Contact
+
+LOSS = "loss"
+"""Further column of each driver where a rule of the angle is declared: its decision loss."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,8 @@ class Outcomes:
 
     A reference was made for no angle, for one, or for the two ends of the interval in which it is
     the exact optimum, in degrees (the second may exceed 360). In a gridworld every collision counts
-    as the ego's. A decision loss is that of a declared rule; there is none without one.
+    as the ego's. Measured beside are the decision loss (`LOSS`) by a declared rule, and the effects
+    that have bounds (`Profile.effects`).
     """
 
     name: str
@@ -51,7 +55,7 @@ class Outcomes:
     length: Int64[np.ndarray, " episode"]  # number of decisions
     angles: tuple[float, ...] = ()
     expected: RewardPair | None = None  # exact totals, where they are known
-    lost: Float[np.ndarray, " episode"] | None = None  # decision loss
+    beside: Mapping[str, Float[np.ndarray, " episode"]] = field(default_factory=dict)
     contexts: ContextLosses | None = None  # of the policy under audit
 
     def __post_init__(self) -> None:
@@ -90,10 +94,12 @@ class Outcomes:
 
 def end_to_end(blocks: Sequence[Outcomes]) -> Outcomes:
     """Return one driver's outcomes in blocks of episodes as those of all."""
-    names = ["totals", "ending", "contact", "length"]
-    names += [] if blocks[0].lost is None else ["lost"]
+    names = ("totals", "ending", "contact", "length")
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(block, name) for block in blocks]) for name in names
+    }
+    columns["beside"] = {
+        name: np.concatenate([block.beside[name] for block in blocks]) for name in blocks[0].beside
     }
     if blocks[0].contexts is not None:
         columns["contexts"] = parts.joined([block.contexts for block in blocks])
@@ -151,8 +157,8 @@ class Evidence:
         """
 
         def turned(driver: Outcomes) -> Outcomes:
-            assert driver.lost is not None  # of a declared rule, every driver's is measured
-            totals = np.stack([-driver.lost, np.zeros_like(driver.lost)], axis=1)
+            lost = driver.beside[LOSS]
+            totals = np.stack([-lost, np.zeros_like(lost)], axis=1)
             # The exact optimum of every decision can't be bettered.
             exact = driver.name == AS_DECLARED and driver.expected is not None
             expected = RewardPair(0.0, 0.0) if exact else None

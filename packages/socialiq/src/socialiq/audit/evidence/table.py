@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
 from socialiq.foreign import one_line
@@ -18,9 +19,6 @@ from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import Contact
 
 MEASURED = ("r_env", "r_social", "ending", "decisions")  # columns of each driver
-
-LOSS = "loss"
-"""Further column of each driver where a rule of the angle is declared: its decision loss."""
 
 _INDEX = ("episode", "seed")
 LARGEST_REWARD = 1e12  # largest sum of rewards of an episode, either sign, that a table may hold
@@ -55,7 +53,7 @@ def write_table(evidence: Evidence) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     drivers = evidence.drivers
-    measured = MEASURED if evidence.policy.lost is None else (*MEASURED, LOSS)
+    measured = (*MEASURED, *evidence.policy.beside)
     writer.writerow(_head(evidence.strata, [driver.name for driver in drivers], measured))
     columns: list[list[object]] = [
         list(range(evidence.episodes)),
@@ -65,7 +63,7 @@ def write_table(evidence: Evidence) -> str:
     for driver in drivers:
         endings = [kind_of_ending(driver, episode) for episode in range(evidence.episodes)]
         columns += [*driver.totals.T.tolist(), endings, driver.length.tolist()]
-        columns += [] if driver.lost is None else [driver.lost.tolist()]
+        columns += [column.tolist() for column in driver.beside.values()]
     writer.writerows(zip(*columns, strict=True))
     return text.getvalue()
 
@@ -86,13 +84,13 @@ def read_table(
     policy: str,
     attributes: Mapping[str, ReferenceAttributes],
     trivial: Sequence[str] = (),
-    by_rule: bool = False,
+    beside: Sequence[str] = (),
 ) -> Evidence:
     """Read the result of `write_table`, exactly.
 
     Contacts of episodes without a collision, which nothing depends on, are none. The table has the
-    policy and each of the references once, by name in any order, then the trivial drivers, and by
-    a declared rule of the angle decision losses. The scenario is the world's description.
+    policy and each of the references once, by name in any order, then the trivial drivers, and of
+    each what is measured beside (`Outcomes`). The scenario is the world's description.
 
     Raises:
         UserError: If it is not exactly as `write_table` writes it.
@@ -100,7 +98,7 @@ def read_table(
     try:
         rows = csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
         head = next(rows, [])
-        measured = (*MEASURED, LOSS) if by_rule else MEASURED
+        measured = (*MEASURED, *beside)
         ours = f"{_no_formula(policy)}.{MEASURED[0]}"
         if ours not in head:
             raise ValueError(f"no column {ours}")
@@ -140,7 +138,7 @@ def _filled(
     width = first + len(measured) * len(names)
     seeds: list[int] = []
     labels: list[list[str]] = []
-    episodes: list[tuple[np.ndarray, ...]] = []  # totals, kinds, lengths and losses of all drivers
+    episodes: list[tuple[np.ndarray, ...]] = []  # totals, kinds, lengths, what is beside, of all
     for row in rows:
         if len(row) != width:
             raise ValueError(f"row {len(seeds) + 1} has {len(row)} columns, not {width}")
@@ -152,18 +150,25 @@ def _filled(
             raise ValueError(f"row {len(seeds)} has a reward that is no audit's")
         kinds = np.array([_KINDS[cell] for cell in cells[2]], np.int8)
         lengths = np.array(list(map(int, cells[3])), np.int64)
-        losses = [np.array(list(map(float, cell))) for cell in cells[len(MEASURED) :]]
-        if not all((np.abs(lost) <= LARGEST_REWARD).all() for lost in losses):
-            raise ValueError(f"row {len(seeds)} has a loss that is no audit's")
-        episodes.append((pairs, kinds, lengths, *losses))
+        columns = [np.array(list(map(float, cell))) for cell in cells[len(MEASURED) :]]
+        for name, column in zip(measured[len(MEASURED) :], columns, strict=True):
+            event = name in QUANTITIES and not QUANTITIES[name].unit
+            if not (
+                np.isin(column, (0.0, 1.0)) if event else np.abs(column) <= LARGEST_REWARD
+            ).all():
+                raise ValueError(f"row {len(seeds)} has a {name} that is no audit's")
+        episodes.append((pairs, kinds, lengths, *columns))
     if not seeds:
         raise ValueError("no episodes")
     drivers, values = [], list(zip(*episodes, strict=True))
     for driver, name in enumerate(names):
-        totals, kind, length, *lost = (np.array([row[driver] for row in rows]) for rows in values)
+        totals, kind, length, *further = (
+            np.array([row[driver] for row in rows]) for rows in values
+        )
         ending, contact = kind.T.copy()
-        fixed, loss = attributes.get(name, ReferenceAttributes()), lost[0] if lost else None
-        drivers.append(Outcomes(name, totals, ending, contact, length, *fixed, loss))
+        fixed = attributes.get(name, ReferenceAttributes())
+        beside = dict(zip(measured[len(MEASURED) :], further, strict=True))
+        drivers.append(Outcomes(name, totals, ending, contact, length, *fixed, beside))
     columns = map(np.array, zip(*labels, strict=True))
     return np.array(seeds, np.int64), dict(zip(strata, columns, strict=True)), drivers
 

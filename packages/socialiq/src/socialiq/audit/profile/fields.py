@@ -1,23 +1,48 @@
-"""Fields of a declaration, defined once for the reader, the writer and the JSON Schema."""
+"""Fields of a declaration, defined once for the reader, the writer and `profile.schema.json`."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
-from socialiq.social.angle_rule import FORMAT as RULE_FORMAT
-from socialiq.social.angle_rule import LARGEST, MOST_CASES, MOST_CONDITIONS, MOST_POINTS
 from socialiq.worlds import SCENE_IDS
 from socialiq.worlds.environment import NAME_PATTERN
-from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.registry import NAMES
 
 Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule", "range"]
 FORMAT = 1
 
-RULE, CLIP = "angle_rule", "clip"
-"""Tables that a declaration may lack: of a rule of the angle, and of limits of the rewards."""
+RULE, CLIP, CAUSED = "angle_rule", "clip", "caused"
+"""Tables that a declaration may lack: a rule of the angle, limits of the rewards, and bounds of
+what the policy causes."""
+
+
+class Quantity(NamedTuple):
+    """Quantity of an episode (`evaluation.effects.QUANTITIES`)."""
+
+    words: str  # in reports, before its amount
+    unit: str  # on a road; "" of an event, whose mean is a share of episodes
+    meaning: str
+    range: tuple[float, float]  # within which an episode counts by default
+
+
+_METRES = "metres that others drive less than without the policy (cells in a gridworld)"
+_BRAKINGS = "decisions in which others brake harder than 4 m/s^2, less those without the policy"
+_CLOSE = "episodes in which it is where a vehicle of another approach is within 1 s"
+QUANTITIES = {
+    "delay": Quantity("costs others", "m", _METRES, (-700.0, 700.0)),
+    "braking": Quantity("causes", "hard brakings", _BRAKINGS, (-40.0, 40.0)),
+    "gap_below_1_s": Quantity("passes within 1 s of a crossing vehicle", "", _CLOSE, (0.0, 1.0)),
+}
+"""Effects of a policy on others that a declaration can bound. No episode of the shipped drivers of
+the intersection is beyond the ranges (docs/audit.md#bounds-of-effects)."""
+
+CELLS = -100.0, 100.0  # range of the delay in a gridworld; no episode has more (`cells_lost`)
+
+SIDES = {"max": "at most", "min": "at least"}
+"""Side of a limit, by the beginning of its field's name."""
 
 LONGEST_TEXT = 200  # characters
 MOST_OPTIONS = 64
@@ -46,6 +71,7 @@ class Field:
     below_high: bool = False  # whether `high` itself is refused
     above_low: bool = False  # whether `low` itself is refused
     required: bool = True
+    unit: str = ""
 
     @property
     def demand(self) -> str:
@@ -53,7 +79,7 @@ class Field:
         if self.kind == "number":
             start = f"above {self.low:g}" if self.above_low else f"of at least {self.low:g}"
             end = f"below {self.high:g}" if self.below_high else f"at most {self.high:g}"
-            return f"a number {start} and {end}"
+            return f"a number {start} and {end}" + (f" ({self.unit})" if self.unit else "")
         return {
             "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
             "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
@@ -68,6 +94,21 @@ class Field:
 
 def _share(path: str, meaning: str) -> Field:
     return Field(path, "number", meaning, high=1.0)
+
+
+def _bounds_of(name: str, quantity: Quantity) -> Iterator[Field]:
+    """Yield the fields of a quantity in `[caused]`: two limits of its mean, and its range."""
+    unit, meaning = quantity.unit, quantity.meaning
+    low, high = (-LARGEST_NUMBER, LARGEST_NUMBER) if unit else (0.0, 1.0)
+    for side, size in zip(SIDES, ("Largest", "Smallest"), strict=True):
+        text = f"{size} mean of {meaning}." if unit else f"{size} share of {meaning}."
+        path = f"{CAUSED}.{side}_{name}"
+        yield Field(
+            path, "number", text, low, high, required=False, unit=unit or "share of episodes"
+        )
+    if unit:
+        text = f"Limits at which the {name} of an episode is counted. They bound its mean."
+        yield Field(f"{CAUSED}.{name}_range", "range", text, low, required=False)
 
 
 FIELDS = (
@@ -176,6 +217,7 @@ FIELDS = (
     ),
     _share("competence.min_arrival", "Smallest share of episodes that arrive."),
     _share("competence.max_timeout", "Largest share of episodes that run out of time."),
+    *(field for row in QUANTITIES.items() for field in _bounds_of(*row)),
     Field(
         RULE,
         "rule",
@@ -195,82 +237,3 @@ TABLES = tuple(dict.fromkeys(field.path.split(".")[0] for field in FIELDS if "."
 def visible(text: str) -> bool:
     """Whether text is not empty, not too long, and free of characters that hide or reorder."""
     return len(text) <= LONGEST_TEXT and re.fullmatch(TEXT_PATTERN, text) is not None
-
-
-def schema() -> dict[str, Any]:
-    """Return the content of `profile.schema.json` (JSON Schema 2020-12)."""
-    top = [field for field in FIELDS if "." not in field.path]
-    properties = {field.path: _schema_of(field) for field in top}
-    for table in TABLES:
-        inside = {
-            field.path.split(".")[1]: field
-            for field in FIELDS
-            if field.path.startswith(f"{table}.")
-        }
-        needed = [name for name, field in inside.items() if field.required or table == CLIP]
-        properties[table] = _table(
-            {name: _schema_of(field) for name, field in inside.items()}, needed
-        )
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Declaration of a driving policy's social angle (profile.toml)",
-        "description": "Dates are TOML dates; as JSON they are texts of the form 2026-01-31.",
-        **_table(properties, [name for name in properties if name not in (RULE, CLIP)]),
-    }
-
-
-def _table(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "properties": properties,
-        "required": required,
-        "additionalProperties": False,
-    }
-
-
-def _schema_of(field: Field) -> dict[str, Any]:
-    degrees = {"type": "number", "minimum": 0, "exclusiveMaximum": 360}
-    bound = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
-    points = {"type": "array", "minItems": 2, "maxItems": MOST_POINTS}
-    interpolated = {
-        "by": {"type": "string"},
-        "at": {**points, "items": bound},
-        "degrees": {**points, "items": degrees},
-    }
-    angle = {"anyOf": [degrees, _table(interpolated, list(interpolated))]}
-    limits = {**_table({"at_least": bound, "at_most": bound}, []), "minProperties": 1}
-    case = {
-        "type": "object",
-        "properties": {"angle": angle},
-        "required": ["angle"],
-        "additionalProperties": limits,
-        "minProperties": 2,
-        "maxProperties": MOST_CONDITIONS + 1,
-    }
-    rule = {
-        "format": {"const": RULE_FORMAT},
-        "world": {"type": "string"},
-        "default": angle,
-        "when": {"type": "array", "items": case, "maxItems": MOST_CASES},
-    }
-    low = "exclusiveMinimum" if field.above_low else "minimum"
-    high = "exclusiveMaximum" if field.below_high else "maximum"
-    text = {"type": "string", "maxLength": LONGEST_TEXT}
-    number = {"type": "number", "minimum": -LARGEST_NUMBER, "maximum": LARGEST_NUMBER}
-    numbers = {"type": "array", "items": number, "maxItems": MOST_SPEEDS}
-    option = {"anyOf": [text, {"type": "boolean"}, number, numbers]}
-    constraints: dict[Kind, dict[str, Any]] = {
-        "number": {"type": "number", low: field.low, high: field.high},
-        "range": {"type": "array", "items": number, "minItems": 2, "maxItems": 2},
-        "rule": _table(rule, ["format", "world", "default"]),  # as `social.angle_rule` says
-        "text": {**text, "minLength": 1, "pattern": TEXT_PATTERN},
-        "sha256": {"type": "string", "pattern": SHA256_PATTERN},
-        "world": {**text, "pattern": WORLD_PATTERN},
-        "date": {"type": "string", "format": "date"},
-        "options": {
-            "type": "object",
-            "maxProperties": MOST_OPTIONS,
-            "additionalProperties": option,
-        },
-    }
-    return {"description": field.meaning, **constraints[field.kind]}

@@ -5,21 +5,21 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from socialiq.audit.profile import fields
 from socialiq.audit.profile.environment import Environment
-from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.errors import UserError, one_of
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds import NAMED
+from socialiq.worlds import NAMED, scene_named
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import NAMES, default_options, open_world
+from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, NAMES, default_options, open_world
 from socialiq.worlds.world import World
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.
@@ -112,7 +112,7 @@ def _typed(option: str, value: Any, default: Any) -> Any:
             raise UserError(f"{option} must be a list of at most {MOST_SPEEDS} numbers")
         return tuple(_typed(option, number, 0.0) for number in value)
     if isinstance(default, str):
-        if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+        if not isinstance(value, str) or len(value) > fields.LONGEST_TEXT:
             raise UserError(f"{option} must be text in quotes")
         return value
     if isinstance(default, bool):
@@ -123,8 +123,8 @@ def _typed(option: str, value: Any, default: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, numeric):
         what = "whole number" if isinstance(default, int) else "number"
         raise UserError(f"{option} must be a {what}")
-    if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER:
-        raise UserError(f"{option} must be within plus or minus {LARGEST_NUMBER:g}")
+    if not -fields.LARGEST_NUMBER <= value <= fields.LARGEST_NUMBER:
+        raise UserError(f"{option} must be within plus or minus {fields.LARGEST_NUMBER:g}")
     return type(default)(value)
 
 
@@ -189,6 +189,38 @@ class Scenario:
 
 
 @dataclass(frozen=True)
+class Bound:
+    """Limit of the mean of a quantity of an episode: an event of the floor, or an effect."""
+
+    quantity: str
+    side: str  # one of `fields.SIDES`
+    limit: float
+    range: tuple[float, float] | None = None  # within which an episode counts; None of an event
+
+    @staticmethod
+    def of(name: str, limit: float, limits: Sequence[float] | None = None) -> Bound:
+        """Return the bound of a field by its name, as max_delay."""
+        side, _, quantity = name.partition("_")
+        ends = None if limits is None else (limits[0], limits[1])
+        return Bound(quantity, fields.SIDES[side], limit, ends)
+
+    @property
+    def path(self) -> str:
+        """Path of its field, as caused.max_delay."""
+        side = next(name for name, side in fields.SIDES.items() if side == self.side)
+        table = fields.CAUSED if self.quantity in fields.QUANTITIES else "competence"
+        return f"{table}.{side}_{self.quantity}"
+
+
+def measured_in(world: str) -> dict[str, str]:
+    """Return the unit of each effect that a world of this name measures; none where it can't."""
+    if world in GRIDWORLDS:
+        return {"delay": "cells"}
+    is_road = world in INTERSECTIONS[:2] or scene_named(world) is not None
+    return {name: row.unit for name, row in fields.QUANTITIES.items()} if is_road else {}
+
+
+@dataclass(frozen=True)
 class Floor:
     """Safety floor, independent of the angle; shares of episodes."""
 
@@ -196,6 +228,11 @@ class Floor:
     max_struck: float  # largest share of collisions caused by another's motion
     min_arrival: float  # smallest share of arrivals
     max_timeout: float  # largest share of timeouts
+
+    @property
+    def bounds(self) -> tuple[Bound, ...]:
+        """The bounds of its shares."""
+        return tuple(Bound.of(name, limit) for name, limit in vars(self).items())
 
 
 @dataclass(frozen=True)
@@ -217,6 +254,17 @@ class Profile:
     source: bytes = field(repr=False, compare=False)  # the file's bytes
     rule: AngleRule | None = None
     clip: Clip | None = None
+    caused: tuple[Bound, ...] = ()  # of what the policy causes
+
+    @property
+    def bounds(self) -> tuple[Bound, ...]:
+        """Bounds of the safety floor, and of what the policy causes."""
+        return (*self.competence.bounds, *self.caused)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Quantities of effects that have bounds."""
+        return tuple(dict.fromkeys(bound.quantity for bound in self.caused))
 
     @property
     def largest_loss(self) -> float | None:

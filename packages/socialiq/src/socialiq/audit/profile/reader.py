@@ -11,10 +11,11 @@ from typing import Any, NoReturn
 
 from socialiq.audit.profile import fields
 from socialiq.audit.profile import profile as declared
-from socialiq.audit.profile.profile import Clip, Floor, Margin, Profile, Reward, Scenario
+from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile, Reward, Scenario
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
+from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.registry import GRIDWORLDS, NAMES, refuse_file
 from socialiq.worlds.situation import check_rule
 from socialiq.worlds.world import World
@@ -96,7 +97,7 @@ class _Reader:
                 if key not in keys:
                     self._unknown(f"{name}.{key}", keys)
         values = {field.path: self._value(field) for field in fields.FIELDS}
-        clip = self._checked_margins(values)
+        clip, caused = self._checked_margins(values), self._checked_bounds(values)
         self._check_scenario(values)
         rule, content = None, values.pop(fields.RULE)
         if content is not None:
@@ -119,7 +120,43 @@ class _Reader:
             source=source,
             rule=rule,
             clip=clip,
+            caused=caused,
         )
+
+    def _checked_bounds(self, values: Mapping[str, Any]) -> tuple[Bound, ...]:
+        """Check the bounds of what the policy causes; return those that are declared."""
+        bounds, world = list[Bound](), values["scenario.world"]
+        paths = [path for path, value in values.items() if value is not None]
+        for path in (path for path in paths if path.startswith(f"{fields.CAUSED}.")):
+            name, limit = path.rpartition(".")[2], values[path]
+            quantity = re.sub("^(max|min)_|_range$", "", name)
+            first = f"{fields.CAUSED}.max_{quantity}"
+            measured = declared.measured_in(world)
+            if quantity not in measured:
+                able = "only " + ", ".join(measured) if measured else "no effects"
+                roads = ", ".join(("intersection", *SCENES))
+                self.refuse(path, f"{world} measures {able}: leave out {path}, or name {roads}")
+            if name.endswith("_range"):
+                if not any(path.endswith(f"_{quantity}") for path in paths):
+                    self.refuse(path, f"{path} is of a bound: add {first}, or leave it out")
+                continue
+            range_path = f"{fields.CAUSED}.{quantity}_range"
+            limits, most = values.get(range_path), values[first]
+            if limits is None and measured[quantity]:
+                self.refuse(path, f"{path} needs the limits of an episode: add {range_path}")
+            low, high = limits or (0.0, 1.0)
+            if not low < limit < high:
+                self.refuse(
+                    path,
+                    f"{path} must be above {low:g} and below {high:g}, got {limit:g}: beyond them "
+                    "the means of all policies keep it, or none",
+                )
+            if name.startswith("min_") and most is not None and limit >= most:
+                self.refuse(
+                    path, f"{path} must be below {first} ({most:g}), got {limit:g}: no mean is both"
+                )
+            bounds.append(Bound.of(name, limit, limits))
+        return tuple(bounds)
 
     def _checked_margins(self, values: Mapping[str, Any]) -> Clip | None:
         """Check margins, largest loss, width and clip against each other; return the clip."""

@@ -6,12 +6,13 @@ import datetime
 import json
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from socialiq.audit.profile.fields import FIELDS, FORMAT, RULE
-from socialiq.audit.profile.profile import Clip, Floor, Margin, Profile, identity, world_of
+from socialiq.audit.profile import profile as declared
+from socialiq.audit.profile.fields import CAUSED, FIELDS, FORMAT, RULE
+from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
@@ -55,6 +56,7 @@ class Usual(NamedTuple):
 
 USUAL = {
     "intersection": Usual(0.5, 15.0, 0.075, Clip((-8.0, 12.0), (-12.0, 12.0))),
+    "intersection-caused": Usual(0.5, 30.0, 0.075, Clip((-8.0, 12.0), (-30.0, 30.0))),
     "crossing5": Usual(0.15, 15.0, 0.075),
     "crossing7": Usual(0.5, 15.0, 0.075),
 }
@@ -73,6 +75,7 @@ def declare(
     allow_code: bool = False,
     rule: AngleRule | None = None,
     clip: Clip | None = None,
+    caused: Sequence[Bound] = (),
 ) -> Profile:
     """Return a profile whose `source` is its canonical text, with the hashes of the world.
 
@@ -88,6 +91,7 @@ def declare(
         allow_code: Whether an environment's module may be imported, to be hashed.
         rule: Rule that gives the angle by the situation.
         clip: Limits of the rewards of an episode.
+        caused: Bounds of what the policy causes.
 
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
@@ -96,14 +100,14 @@ def declare(
         name: list(option) if isinstance(option, tuple) else option
         for name, option in sorted((options or {}).items())
     }
-    built = world_of(world, options_as_lists, allow_code)
+    built = declared.world_of(world, options_as_lists, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
         "angle": angle,
         "confidence": confidence,
         "owner": owner,
         "date": date,
-        **identity(built),
+        **declared.identity(built),
         "scenario.world": world,
         "scenario.options": options_as_lists,
         RULE: rule,
@@ -111,6 +115,8 @@ def declare(
     for table, limits in (("margin", margin), ("competence", competence), ("clip", clip)):
         fields = {} if limits is None else vars(limits)
         values |= {f"{table}.{name}": value for name, value in fields.items()}
+    for bound in caused:
+        values[bound.path], values[f"{CAUSED}.{bound.quantity}_range"] = bound.limit, bound.range
     return parse(_text(values).encode())
 
 

@@ -12,6 +12,7 @@ from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.replay import path_of
 from socialiq.audit.look import Look
+from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.audit.profile.profile import Profile, Traffic, is_recorded
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
@@ -149,7 +150,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "shift": _shift(results, audited.evidence[1:]),
             "episodes": episodes,
             "cloud": evidence.policy.totals[:CLOUD].round(6),
-            "limits": limits(profile.scenario.world),
+            "limits": limits(profile.scenario.world, bool(profile.caused)),
             "scenario": evidence.scenario,
             "seeds": seeds_of(audited.drawn, evidence.episodes),
             "look": look,
@@ -187,7 +188,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
             profile.rule, profile.angle, results.verdict, results.discrimination
         ),
         *([] if profile.clip else words.caveats_of_loss(regret, possible)),
-        *words.caveats_of_clip(profile.clip, audited.evidence[0]),
+        *words.caveats_of_clip(profile, audited.evidence[0]),
         *words.caveats(audited.drawn, audited.look, audited.policy, world),
         *words.caveats_of_episodes(equal, len(repeated), equals),
     ]
@@ -214,9 +215,11 @@ def _shift(results: Results, elsewhere: Sequence[Evidence]) -> dict[str, Any] | 
 
 
 def _declaration(profile: Profile) -> dict[str, Any]:
-    """Return the declaration; one of a constant angle has no field of a rule."""
+    """Return the declaration; there are no fields of a rule or of bounds that it lacks."""
     declared, rule = {**vars(profile), "sha256": profile.sha256}, profile.rule
     del declared["rule"], declared["source"]
+    if not profile.caused:
+        del declared["caused"]
     if rule is not None:
         declared["angle_rule"] = {"words": rule.words, "content": rule.as_json()}
     return declared
@@ -247,6 +250,7 @@ def seeds_of(draw: Draw, episodes: int) -> dict[str, Any]:
 
 def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
     """Return one driver's means; `value` is the mean R(α) at the declared angle in degrees."""
+    caused = {name: driver.beside[name].mean() for name in QUANTITIES if name in driver.beside}
     return {
         "name": driver.name,
         "angles": driver.angles,
@@ -256,58 +260,15 @@ def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
         "expected": driver.expected,
         **{name: float(happened.mean()) for name, happened in events_of(driver).items()},
         "decisions": float(driver.length.mean()),
+        **({"caused": caused} if caused else {}),
     }
 
 
-_ALWAYS = (
-    "The verdict is about the simulated scenario named here, with its traffic model and its "
-    "rewards. It is not evidence about another road, other traffic or a real vehicle.",
-    "The angle weighs two rewards of one specification. With other weights or units the same "
-    "behaviour has another angle, so the verdict holds for the hash of the specification above.",
-    "The audit tests behaviour, not intent: many angles can explain the same driving, and those "
-    "that do are listed.",
-    "The statistics hold for episodes drawn from the scenario. Events rarer than about three in "
-    "the number of episodes may not have happened once.",
-    "A policy that recognises the audit, or waits for a later date, could behave well here alone. "
-    "A seed that was not known when policy and declaration were fixed prevents tuning to its "
-    "episodes, not recognition of the simulator.",
-    "Hashes show that files were not changed since; they don't show their author. A signature does "
-    "(socialiq audit sign), and only a rerun shows that the episodes were run.",
-    "This report describes the behaviour of a policy in a test. It states no conformity with any "
-    "law, regulation or standard.",
-)
-
-_SAMPLED = (
-    "The best possible driver at an angle is not known in this world. Regret is measured "
-    "against the best of the reference drivers listed; a better driver would make it larger."
-)
-
-_EXACT = (
-    "In this gridworld the reference drivers are the exact optima, so regret is measured against "
-    "the best that any driver can do."
-)
-
-_RECORDED = (
-    "The traffic of this recorded junction is simulated: drivers calibrated on the recordings "
-    "enter as the recorded ones did and follow a model; none of them is a person.",
-    "The reference `driver` knows the ways of all vehicles and the closed lines, of which a policy "
-    "sees a part.",
-    "The file of the world is not part of this report; its SHA-256 is in the description of the "
-    "scenario.",
-)
-
-_UNKNOWN = (
-    "This environment is not part of the package. It does not report fault, so every collision "
-    "counts as at fault and the share of being struck is blank; there are no kinds of episodes, "
-    "no films, and no reference drivers but the given ones.",
-    "The hash of the scenario covers the files that define the environment, its wrappers and its "
-    "reward pair, and versions of installed packages; not other files that these import.",
-)
-
-
-def limits(world: str) -> list[str]:
-    """Return the limits that apply in a world of this name."""
-    texts = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
+def limits(world: str, effects: bool = False) -> list[str]:
+    """Return the limits that apply in a world of this name, with bounds of effects or without."""
+    texts = words.stated()["limits"]
+    applying = [*texts["exact" if world in GRIDWORLDS else "sampled"], *texts["always"]]
+    applying += texts["effects"] if effects and world not in GRIDWORLDS else []
     if is_recorded(world):
-        return [*_RECORDED, *texts]
-    return texts if world in NAMES else [*_UNKNOWN, *texts]
+        return [*texts["recorded"], *applying]
+    return applying if world in NAMES else [*texts["unknown"], *applying]

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
-from socialiq.audit.profile.profile import is_recorded
+from socialiq.audit.profile.profile import is_recorded, measured_in
+from socialiq.audit.report.words import stated
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.policies.card import Metric, bill_of_materials
@@ -20,52 +20,6 @@ from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, NAMES
 
 INTERSECTION, CONTINUOUS = "intersection", "intersection with continuous actions"
 JUNCTION = "recorded junction"
-
-
-CONFORMANCE = SimpleNamespace(
-    command="socialiq conformance --episodes 150 --seed 50000",
-    runs="with --population highway_env and thesis, each with and without --connected",
-    episodes=600,
-    decisions=7282,
-    compared=("population", "connected_lanes"),
-)
-"""Comparison of the compiled intersection with highway-env, decision by decision: no difference in
-any field (docs/worlds/intersection.md). Counts are of all runs, which vary the compared options."""
-
-_YIELDING = (
-    "Other vehicles follow the Intelligent Driver Model and yield by highway-env's rules; none "
-    "of them is a person."
-)
-_EXACT = (
-    "Observations are exact, for a limited number of vehicles: no noise, no delay.",
-    "A collision is an overlap of two rectangles; its severity is not modelled.",
-)
-
-ASSUMPTIONS = {
-    INTERSECTION: (
-        _YIELDING,
-        "The ego follows its lane; its policy chooses between target speeds once per decision.",
-        *_EXACT,
-    ),
-    CONTINUOUS: (
-        _YIELDING,
-        "The policy's acceleration, and where it steers the angle of the front wheels, are held "
-        "until the next decision; nothing else steers the ego.",
-        *_EXACT,
-    ),
-    "gridworld": (
-        "The road is a grid, time is in whole steps, and vehicles move by rule in both.",
-        "The state is observed exactly.",
-    ),
-    JUNCTION: (
-        "Other vehicles follow the Intelligent Driver Model along recorded ways, with parameters "
-        "calibrated on the recordings; none of them is a person, and none changes lanes.",
-        "Lines are closed where a recorded vehicle stood without a reason that the model knows; "
-        "nothing is known of lights and of entries after the end of a recording.",
-        "The ego drives a recorded vehicle's way; its policy chooses an acceleration per decision.",
-        *_EXACT,
-    ),
-}
 
 
 def shows_angle(report: Mapping[str, Any]) -> bool:
@@ -92,13 +46,13 @@ def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
         kind = INTERSECTION if world == INTERSECTION else CONTINUOUS
     if is_recorded(world):
         kind = JUNCTION
-    compared = CONFORMANCE if kind == INTERSECTION else None
-    beyond = [name for name in scenario["options"] if name not in CONFORMANCE.compared]
+    compared = stated()["conformance"]
+    beyond = [name for name in scenario["options"] if name not in compared["compared"]]
     return {
         "kind": kind,
-        "assumptions": ASSUMPTIONS.get(kind, ()),
-        "conformance": compared,
-        "beyond": beyond if compared else [],
+        "assumptions": stated()["assumptions"].get(kind, []),
+        "conformance": compared if kind == INTERSECTION else None,
+        "beyond": beyond if kind == INTERSECTION else [],
     }
 
 
@@ -124,6 +78,8 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
     world = report["declaration"]["scenario"]["world"]
     tests = report["tests"]
     floor = joint_decision(Decision(test["decision"]) for test in tests["competence"]).value
+    bounded = "caused" in report["declaration"]
+    limits = f"The safety floor {'and the bounds of effects are' if bounded else 'is'} kept"
     verdict, regret = report["verdict"]["decision"], tests["regret"]["decision"]
     verdict = "inconclusive" if verdict == "pass" and not shows_angle(report) else verdict
     strata: tuple[Status, str] = ("supported", "report.json: strata")
@@ -158,7 +114,7 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
             _OF[regret],
             "report.json: tests.regret",
         ),
-        Claim("Sn2", "The safety floor is kept", _OF[floor], "report.json: tests.competence"),
+        Claim("Sn2", limits, _OF[floor], "report.json: tests.competence"),
         Claim("Sn3", "Results by kind of episode", *strata),
         Claim(
             "G2",
@@ -206,7 +162,11 @@ def materials(report: Mapping[str, Any]) -> bytes:
         angle = declared["angle_rule"]["words"]
         name = "decision loss at the declared rule per episode"
     measured = [(name, regret["regret"], regret)]
-    measured += [(f"share of {test['name']}", test["share"], test) for test in competence]
+    units = measured_in(declared["scenario"]["world"])
+    for test in competence:
+        unit = units.get(test["name"])
+        name = f"{test['name']} per episode, {unit}" if unit else f"share of {test['name']}"
+        measured.append((name, test["share"], test))
     return bill_of_materials(
         record["source"],
         str(report["versions"].get("socialiq", "")),

@@ -20,7 +20,7 @@ import numpy as np
 
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
-from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.evidence.outcomes import LOSS, Evidence
 from socialiq.audit.evidence.replay import selected
 from socialiq.audit.evidence.table import CONTEXTS, ReferenceAttributes, read_contexts, read_table
 from socialiq.audit.look import Look, Opened, reveal, spend
@@ -155,7 +155,8 @@ def _evidence_of(
     for number, variant in enumerate(traffic):
         rows = report["shift"]["traffic"][number]["references"]
         collected.append((f"shift {number}", variant.world.description, rows))
-    names, by_rule = [driver["name"] for driver in report["trivial"]], profile.rule is not None
+    names = [driver["name"] for driver in report["trivial"]]
+    beside = [*([] if profile.rule is None else [LOSS]), *profile.effects]
     policy, tables = report["policy"]["means"]["name"], []
     for number, (purpose, description, rows) in enumerate(collected):
         path, attributes = evidence_path(number), {}
@@ -165,7 +166,7 @@ def _evidence_of(
         if path not in files:
             raise UserError(f"{path} is missing")
         try:
-            table = read_table(files[path], description, policy, attributes, names, by_rule)
+            table = read_table(files[path], description, policy, attributes, names, beside)
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
         episodes = report["seeds"]["episodes"]
@@ -184,7 +185,7 @@ def _evidence_of(
         contexts = read_contexts(files[CONTEXTS], tables[0].episodes, kinds, CANDIDATES)
     except UserError as error:
         raise UserError(f"{CONTEXTS}: {error}") from error
-    if driven.lost is None or not np.array_equal(contexts.declared.sum(axis=1), driven.lost):
+    if not np.array_equal(contexts.declared.sum(axis=1), driven.beside[LOSS]):
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
     driven = dataclasses.replace(driven, contexts=contexts)
     return [dataclasses.replace(tables[0], policy=driven), *tables[1:]]

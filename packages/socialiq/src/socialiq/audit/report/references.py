@@ -77,7 +77,7 @@ def check_references(
             dial = request.reference_dial(specs) if rule and specs and not is_exact else None
             by_rule = drive.ByRule(rule, dial) if rule else None
             side = min(drive.SIDE_BY_SIDE, count)  # as in the audit
-            course = drive.Course(there, evidence.seeds[rows], side, 1, by_rule)
+            course = drive.Course(there, evidence.seeds[rows], side, 1, by_rule, profile.effects)
             loaded_references = request.resolve_references(
                 there, specs, audited.policy, _TRUST, closing, angles
             )
@@ -188,8 +188,8 @@ def _compare(
         same = np.isclose(written.totals[rows], fresh.totals, _ROUNDING, _ROUNDING).all(axis=1)
         same &= (written.ending[rows] == fresh.ending) & (written.length[rows] == fresh.length)
         same &= (written.contact[rows] == fresh.contact) | (fresh.ending != Ending.COLLISION)
-        if written.lost is not None and fresh.lost is not None:
-            same &= np.isclose(written.lost[rows], fresh.lost, _ROUNDING, _ROUNDING)
+        for name, column in fresh.beside.items():
+            same &= np.isclose(written.beside[name][rows], column, _ROUNDING, _ROUNDING)
         count = int((~same).sum())
         record = records.get(fresh.name)
         network = record is not None and record["kind"] != request.RULE

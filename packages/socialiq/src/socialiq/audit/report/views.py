@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.profile import is_recorded, world_of
+from socialiq.audit.profile.fields import QUANTITIES
+from socialiq.audit.profile.profile import is_recorded, measured_in, world_of
 from socialiq.audit.report import animations, pictures, words
 from socialiq.audit.report.documents import shows_angle
 from socialiq.foreign import Markdown, printable, templates
@@ -74,6 +76,16 @@ def percent(share: Real | None) -> str:
 def measured(value: Real | None, share: bool) -> str:
     """Return a value or a change, as a percentage if it is a share."""
     return percent(value) if share else number(value)
+
+
+def amount(value: Real, unit: str = "") -> str:
+    """Return a mean with its unit, a share as a percentage."""
+    return f"{number(value)} {unit}" if unit else percent(value)
+
+
+def criterion(name: str) -> str:
+    """Return what a driver does by the name of a bound's quantity."""
+    return CRITERIA.get(name) or QUANTITIES[name].words
 
 
 def degrees(angle: Real | None) -> str:
@@ -144,6 +156,7 @@ def not_excluded(report: Mapping[str, Any]) -> str:
 def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return the rows of all tests that decide, in words; `test` is the name in 20 characters."""
     tests, angle = report["tests"], degrees(report["declaration"]["angle"])
+    units = measured_in(report["declaration"]["scenario"]["world"])
     regret, direction, character = (tests[key] for key in ("regret", "direction", "character"))
 
     def row(
@@ -172,10 +185,10 @@ def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     return rows + [
         row(
             test["name"].replace("_", " "),
-            CRITERIA[test["name"]],
+            criterion(test["name"]),
             test,
-            percent,
-            f"{test['side']} {percent(test['limit'])}",
+            show := functools.partial(amount, unit=units.get(test["name"], "")),
+            f"{test['side']} {show(test['limit'])}",
         )
         for test in tests["competence"]
         if is_known(report, test["name"])
@@ -234,9 +247,12 @@ def blank(who: str) -> Markdown:
 
 FILTERS: dict[str, Callable[..., str]] = {
     function.__name__: function
-    for function in (number, percent, measured, degrees, arcs, meaning, options, compatible_angles)
+    for function in (
+        *(number, percent, amount, criterion, measured, degrees, arcs, meaning, options),
+        compatible_angles,
+    )
 }
-FILTERS |= {"criterion": CRITERIA.__getitem__, "outcome": OUTCOMES.__getitem__, "code": code}
+FILTERS |= {"outcome": OUTCOMES.__getitem__, "code": code}
 
 
 def html(report: Mapping[str, Any]) -> str:
@@ -275,6 +291,7 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
         headline=headline(report),
         not_excluded=not_excluded(report),
         tested=tested(report),
+        units=measured_in(report["declaration"]["scenario"]["world"]),
         results={words: decision for decision, words in OUTCOMES.items()},
         **variables,
     )

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.resources import files
 from typing import Any, Literal, NamedTuple
 
-from socialiq.audit.evidence.drive import PREFIX, RANDOM
-from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence
+from socialiq.audit.evidence.drive import PREFIX
+from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.look import Look
-from socialiq.audit.profile.profile import Clip
+from socialiq.audit.profile.profile import Profile
 from socialiq.audit.request import DIAL
-from socialiq.audit.seeds import NETWORK, Draw, Round, Source
+from socialiq.audit.seeds import NETWORK, Draw, Round
 from socialiq.audit.verdict.regret import RegretTest
 from socialiq.audit.verdict.results import Discrimination
 from socialiq.audit.verdict.verdict import Verdict, where_of
@@ -21,25 +24,11 @@ from socialiq.social.angle_rule import AngleRule
 OPTIMUM = "optimum_"  # beginning of the names of exact optima (`evidence.drive.exact_optima`)
 _SIMPLER = "simpler network, "
 
-_TRAINED = {
-    "egoistic": "trained for 0°: own progress alone",
-    "prosocial": "trained for 45°: own progress and others alike",
-    "altruistic": "trained for 90°: others alone",
-}
 
-_NAMES = {
-    "go": "always goes",
-    "wait": "always waits",
-    "idm": "Intelligent Driver Model: follows the car in front and gives way",
-    "driver": "calibrated driver of the recording",
-    "gap_2s": "goes at gaps of 2 s",
-    "gap_3s": "goes at gaps of 3 s",
-    "gap_4s": "goes at gaps of 4 s",
-    RANDOM: "chooses at random",
-    AS_DECLARED: "decides as declared",
-    **{f"set_{mode}": text for mode, text in _TRAINED.items()},
-    **{f"expert_{mode}": f"{_SIMPLER}{text}" for mode, text in _TRAINED.items()},
-}
+@functools.cache
+def stated() -> dict[str, Any]:
+    """Return the texts of `words.toml`, by table and name."""
+    return tomllib.loads(files("socialiq.audit.report").joinpath("words.toml").read_text("utf-8"))
 
 
 def plain_name(name: str, angles: Sequence[float] = ()) -> str:
@@ -47,15 +36,16 @@ def plain_name(name: str, angles: Sequence[float] = ()) -> str:
 
     The angles are the ends of the interval for which an exact optimum is the best.
     """
+    names = stated()["names"]
     if name.startswith(OPTIMUM) and angles:
         turned = (-wrapped(-angle, 180.0) for angle in (angles[0], angles[-1]))
         low, high = (f"{round(angle, 1) + 0.0:g}°".replace("-", "−") for angle in turned)
         return f"best possible for {low} to {high}"
     if name.startswith(DIAL):
         return f"shipped dial at {name.removeprefix(DIAL)}°"
-    if name.startswith(PREFIX) and name not in _NAMES:
+    if name.startswith(PREFIX) and name not in names:
         return f"always chooses “{name.removeprefix(PREFIX).replace('_', ' ')}”"
-    return _NAMES.get(name, name)
+    return names.get(name, name)
 
 
 def names_of(report: Mapping[str, Any]) -> dict[str, str]:
@@ -113,23 +103,6 @@ def caveats(draw: Draw, look: Look | None, policy: Mapping[str, Any], world: str
     return caveats
 
 
-_WORTH: dict[Source, str] = {
-    "system entropy": (
-        "The seed was drawn by the computer that ran the audit. This is self-attested: "
-        "those who ran it could have drawn again."
-    ),
-    "auditor's seed": (
-        "The seed was given in advance. An owner who knew it before the commitment can have "
-        "searched for a policy or a declaration that passes on its episodes."
-    ),
-    "auditor's nonce": (
-        "The seed comes from the commitment and a nonce of the auditor, whose hash the commitment "
-        "names. Neither owner nor auditor could choose it alone, provided that the auditor "
-        "revealed the nonce only after the commitment's hash was in the auditor's hands."
-    ),
-}
-
-
 def worth(draw: Draw) -> str:
     """Return what a seed is worth as evidence that no one chose the episodes."""
     if isinstance(draw.revealed, Round):
@@ -139,7 +112,7 @@ def worth(draw: Draw) -> str:
             "provided that someone other than the owner held the commitment's hash before "
             f"{draw.revealed.time:%Y-%m-%d %H:%M:%S} UTC, when the round was published."
         )
-    return _WORTH[draw.source]
+    return stated()["worth"][draw.source]
 
 
 def caveats_of_episodes(replayed: int, chosen: int, equals: Sequence[str] = ()) -> list[Caveat]:
@@ -191,23 +164,27 @@ def caveats_of_declaration(
     yield Caveat("direction", text)
 
 
-def caveats_of_clip(clip: Clip | None, evidence: Evidence) -> list[Caveat]:
-    """Return how often the declared limits of the rewards cut an episode of the policy."""
-    if clip is None:
-        return []
-    (least, social), (most, largest) = clip.ends
-    outside = [
-        int(((row.totals < (least, social)) | (row.totals > (most, largest))).any(axis=1).sum())
-        for row in (evidence.policy, *evidence.references)
-    ]
-    if not any(outside):
-        return []
-    text = (
-        f"The declaration counts R_env of an episode from {least:g} to {most:g} and R_social from "
-        f"{social:g} to {largest:g}. This changed {outside[0]:,} of {evidence.episodes:,} episodes "
-        f"of the policy, and {sum(outside[1:]):,} of its references together."
-    )
-    return [Caveat("clip", text)]
+def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
+    """Yield how often the declared limits of rewards and effects cut an episode of a driver."""
+    clip, drivers, cut = profile.clip, (evidence.policy, *evidence.references), dict[str, Any]()
+    if clip is not None:
+        (least, social), (most, largest) = clip.ends
+        text = f"R_env of an episode from {least:g} to {most:g} and R_social from {social:g} to "
+        cut[f"{text}{largest:g}"] = [
+            (row.clipped(*clip.ends).totals != row.totals).any(axis=1) for row in drivers
+        ]
+    for name, ends in {bound.quantity: bound.range for bound in profile.caused}.items():
+        if ends is not None:
+            text = f"the {name} of an episode from {ends[0]:g} to {ends[1]:g}"
+            cut[text] = [row.beside[name].clip(*ends) != row.beside[name] for row in drivers]
+    for text, changed in cut.items():
+        policy, *references = (int(episodes.sum()) for episodes in changed)
+        if policy or any(references):
+            text = (
+                f"The declaration counts {text}. This changed {policy:,} of {evidence.episodes:,} "
+                f"episodes of the policy, and {sum(references):,} of its references together."
+            )
+            yield Caveat("clip", text)
 
 
 def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:

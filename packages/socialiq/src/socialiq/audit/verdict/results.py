@@ -17,7 +17,7 @@ from scipy.special import kolmogorov
 from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
-from socialiq.audit.verdict.floor import floor_tests
+from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.regret import Decision, Regrets
 from socialiq.audit.verdict.verdict import clipped, decide, direction_tests, enough_resamples
 from socialiq.social.angle import exact_weights, score
@@ -247,7 +247,7 @@ def discriminate(
             as_policy = replace(driver, name=evidence.policy.name)  # it stays a reference too
             line = replace(directed or evidence, policy=as_policy, trivial=())
             beside = direction_tests(profile, line, level)
-            tests = (*beside, *floor_tests(driver, profile.competence, level, level / 2))
+            tests = (*beside, *bound_tests(driver, profile.bounds, level, level / 2))
             decision = Decision.FAIL
             # The bounds of regret take longest; where another test fails they change nothing.
             if all(test is None or test.decision is not Decision.FAIL for test in tests):

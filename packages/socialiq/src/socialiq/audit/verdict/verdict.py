@@ -10,13 +10,13 @@ import hashlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
-from socialiq.audit.profile.profile import Floor, Profile
+from socialiq.audit.profile.profile import Bound, Profile
 from socialiq.audit.verdict import regret as bounds
+from socialiq.audit.verdict.bounds import BoundTest, amount_of, bound_tests, words_of
 from socialiq.audit.verdict.direction import (
     CharacterTest,
     DirectionTest,
@@ -25,45 +25,39 @@ from socialiq.audit.verdict.direction import (
     direction_test,
     followed_angles,
 )
-from socialiq.audit.verdict.floor import FloorTest, floor_tests
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Result of an audit: PASS if regret, direction and floor pass, FAIL if one of them fails.
+@dataclass(frozen=True, kw_only=True)
+class Decisive:
+    """Deciding tests of an audit, and their joint decision.
 
     `needed` is the number of episodes that would decide an inconclusive audit; None if it is
     decided, or if an estimate is on its limit, where no number is enough.
     """
 
     decision: Decision
+    needed: int | None
+    regret: RegretTest  # the primary test
+    competence: tuple[BoundTest, ...]  # of the safety floor, then of what the policy causes
+    direction: DirectionTest | None = None  # None for a declared rule
+    character: CharacterTest | None = None  # None if no share is declared
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict(Decisive):
+    """Result of an audit: PASS if all deciding tests pass, FAIL if one of them fails."""
+
     reason: str  # one plain sentence
     episodes: int
-    needed: int | None
     error: float  # largest chance of a wrong pass, and of a wrong fail, at this look
-    regret: RegretTest  # the primary test
     rationalised: bounds.CompatibleAngles  # angles compatible with the behaviour
     alpha_hat: AngleEstimate | None  # α̂ of the thesis, if it is identified
     identifiability: Ellipse  # confidence ellipse of the mean rewards
-    direction: DirectionTest | None  # None for a declared rule
-    character: CharacterTest | None  # None if no share is declared
-    competence: tuple[FloorTest, ...]  # test of each criterion of the safety floor
     contexts: tuple[FollowedAngle, ...] | None  # None without a declared rule
-
-
-class Decisive(NamedTuple):
-    """Deciding tests of an audit, and their joint decision."""
-
-    decision: Decision
-    needed: int | None  # as in `Verdict`
-    regret: RegretTest
-    competence: tuple[FloorTest, ...]
-    direction: DirectionTest | None = None
-    character: CharacterTest | None = None
 
 
 def clipped(profile: Profile, evidence: Evidence) -> Evidence:
@@ -103,7 +97,7 @@ def decide(
     share = error / 2 if margin.width is None or profile.rule is not None else error / 4
     regret = bounds.regret_test(regrets, angle, margin.regret, error, share)
     regret = replace(regret, angle=profile.angle)
-    return join_tests(regret, evidence.policy, profile.competence, error, *beside)
+    return join_tests(regret, evidence.policy, profile.bounds, error, *beside)
 
 
 def direction_tests(
@@ -120,19 +114,26 @@ def direction_tests(
 def join_tests(
     regret: RegretTest,
     policy: Outcomes,
-    floor: Floor,
+    limits: Sequence[Bound],
     error: float,
     direction: DirectionTest | None = None,
     character: CharacterTest | None = None,
 ) -> Decisive:
-    """Join the tests of a driver's rewards, made at their shares of the error, with the floor's."""
-    competence = floor_tests(policy, floor, error, error / 2)
+    """Join the tests of a driver's rewards, made at their shares of the error, with the bounds'."""
+    competence = bound_tests(policy, limits, error, error / 2)
     tests = [test for test in (regret, direction, character, *competence) if test is not None]
     rows = [(test.decision, test.needed) for test in tests if test.decision is not None]
     decision = joint_decision(decision for decision, _ in rows)
     undecided = [needed for decision, needed in rows if decision is Decision.INCONCLUSIVE]
     needed = bounds.slowest(undecided) if decision is Decision.INCONCLUSIVE else None
-    return Decisive(decision, needed, regret, competence, direction, character)
+    return Decisive(
+        decision=decision,
+        needed=needed,
+        regret=regret,
+        competence=competence,
+        direction=direction,
+        character=character,
+    )
 
 
 def joint_decision(decisions: Iterable[Decision]) -> Decision:
@@ -194,7 +195,7 @@ def judge(
         contexts = followed_angles(rule, losses, CANDIDATES, profile.confidence)
     return Verdict(
         decision=decisive.decision,
-        reason=_reason(decisive, profile.rule is not None),
+        reason=_reason(decisive, profile),
         episodes=evidence.episodes,
         needed=decisive.needed,
         error=error,
@@ -239,12 +240,13 @@ def dependence(consistency: Consistency | None, soft: bool) -> str:
     )
 
 
-def _reason(decisive: Decisive, by_rule: bool) -> str:
+def _reason(decisive: Decisive, profile: Profile) -> str:
     """Return the reason why a policy passed, failed, or neither, in one sentence."""
-    regret, direction = decisive.regret, decisive.direction
-    where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
+    regret, direction, world = decisive.regret, decisive.direction, profile.scenario.world
+    where = "by the declared rule" if profile.rule else f"at the declared {regret.angle:g} degrees"
     if decisive.decision is Decision.FAIL:
-        return f"The policy does not behave as declared: {', and '.join(_faults(decisive, where))}."
+        faults = ", and ".join(_faults(decisive, where, world))
+        return f"The policy does not behave as declared: {faults}."
     if decisive.decision is Decision.PASS:
         less = f"at most {regret.high:.3g} less" if regret.high > 0.0 else "no less"
         directed = direction is not None and direction.decision is not None
@@ -254,6 +256,12 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
             f"{'its direction is within the declared width, ' if directed else ''}"
             "and it keeps the declared safety floor."
         )
+        effects = []
+        for test in decisive.competence[len(CRITERIA) :]:
+            bound = test.low if test.side == "at least" else test.high
+            limit = f"{test.side} {amount_of(test, test.limit, world)}"
+            effects.append(f"{words_of(test, bound, world, f'{test.side} ')} (declared: {limit})")
+        text += f" It {', '.join(effects)}." if effects else ""
         if regret.bound == "bootstrap":
             return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
         return text[0].upper() + text[1:]
@@ -266,15 +274,18 @@ def _reason(decisive: Decisive, by_rule: bool) -> str:
         doubts.append("has one character in all episodes")
     for test in decisive.competence:
         if test.decision is not Decision.PASS:
-            often = "often enough" if test.name == "arrival" else "too often"
-            doubts.append(f"{CRITERIA[test.name]} {often}")
+            if test.name in CRITERIA:
+                often = "often enough" if test.name == "arrival" else "too often"
+                doubts.append(f"{CRITERIA[test.name]} {often}")
+            else:
+                doubts.append(words_of(test, test.limit, world, f"{test.side} "))
     return (
         f"{regret.episodes} episodes are too few to decide whether the policy "
         f"{' and whether it '.join(doubts)}."
     )
 
 
-def _faults(decisive: Decisive, where: str) -> list[str]:
+def _faults(decisive: Decisive, where: str, world: str) -> list[str]:
     """Return what a failed policy broke, by the test."""
     regret, direction, character = decisive.regret, decisive.direction, decisive.character
     clauses = []
@@ -300,13 +311,11 @@ def _faults(decisive: Decisive, where: str) -> list[str]:
         )
     for test in decisive.competence:
         if test.decision is Decision.FAIL:
-            bound, allowed = f"at least {_percent(test.low)}", "allowed"
+            bound, allowed = words_of(test, test.low, world, "at least "), "allowed"
             if test.side == "at least":
-                bound, allowed = f"at most {_percent(test.high)}", "needed"
-            clauses.append(
-                f"it {CRITERIA[test.name]} in {bound} of episodes "
-                f"({test.side} {_percent(test.limit)} {allowed})"
-            )
+                bound, allowed = words_of(test, test.high, world, "at most "), "needed"
+            limit = amount_of(test, test.limit, world)
+            clauses.append(f"it {bound} ({test.side} {limit} {allowed})")
     return clauses
 
 

@@ -1,11 +1,11 @@
-"""The tests of the safety floor by hand, and the joint decision."""
+"""The tests of the safety floor and of effects by hand, and the joint decision."""
 
 import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
-from socialiq.audit.profile.profile import Floor
-from socialiq.audit.verdict.floor import floor_tests
+from socialiq.audit.profile.profile import Bound, Floor
+from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.statistics.intervals import clopper_pearson, wilson
@@ -29,7 +29,7 @@ def driver(outcomes, at_fault=0, struck=0, timeout=0, episodes=200):
 
 
 def by_name(outcomes, floor=FLOOR, **events):
-    return {one.name: one for one in floor_tests(driver(outcomes, **events), floor)}
+    return {one.name: one for one in bound_tests(driver(outcomes, **events), floor.bounds)}
 
 
 def test_bounds_are_exact_at_their_levels(outcomes):
@@ -102,3 +102,64 @@ def test_what_exact_bounds_cost_and_give():
             binom.pmf(np.flatnonzero(high <= one), 500, one / 2).sum() for one in (0.02, 0.05, 0.1)
         ]
         assert good == pytest.approx([0.44, 0.87, 0.995], abs=5e-3)
+
+
+def delayed(outcomes, values, side="at most", limit=6.0, ends=(-50.0, 250.0), **errors):
+    one = outcomes("policy", np.zeros((len(values), 2)), beside={"delay": np.array(values)})
+    return bound_tests(one, [Bound("delay", side, limit, ends)], **errors)[0]
+
+
+def test_a_mean_of_an_effect_is_tested_on_both_sides(outcomes):
+    values = np.tile([-20.0, 0.0, 10.0, 30.0], 250)  # 5 m
+    for side, limit, decision in (
+        ("at most", 12.0, Decision.PASS),
+        ("at most", 5.5, Decision.INCONCLUSIVE),
+        ("at most", -2.0, Decision.FAIL),
+        ("at least", -2.0, Decision.PASS),
+        ("at least", 4.5, Decision.INCONCLUSIVE),
+        ("at least", 12.0, Decision.FAIL),
+    ):
+        one = delayed(outcomes, values, side, limit)
+        assert (one.decision, one.side) == (decision, side), one
+        assert one.low < one.share == 5.0 < one.high
+        assert (one.count, one.episodes, one.limit) == (0, 1000, limit)
+        assert one.needed is not None and one.needed > 0
+
+
+def test_an_effect_counts_within_its_range_and_the_others_are_counted(outcomes):
+    one = delayed(outcomes, [-80.0, 0.0, 1000.0, 10.0] * 100)
+    assert (one.count, one.share) == (200, (-50 + 0 + 250 + 10) / 4)
+    assert one.decision is Decision.FAIL
+
+
+def test_an_effect_that_is_an_event_has_an_exact_bound(outcomes):
+    close = np.repeat([1.0, 0.0], [30, 170])
+    one = outcomes("policy", np.zeros((200, 2)), beside={"gap_below_1_s": close})
+    found = bound_tests(one, [Bound("gap_below_1_s", "at most", 0.25)])[0]
+    assert (found.count, found.share, found.decision) == (30, 0.15, Decision.PASS)
+    assert found.high == pytest.approx(binomtest(30, 200).proportion_ci(0.9, "exact").high)
+
+
+def test_each_bound_has_its_part_of_a_wrong_fail(outcomes):
+    one = outcomes("policy", np.zeros((200, 2)), beside={"delay": np.zeros(200)})
+    tests = bound_tests(
+        one, (*FLOOR.bounds, Bound("delay", "at most", 6.0, (-50.0, 250.0))), 0.05, 0.1
+    )
+    assert {one.fail_error for one in tests} == {0.1 / 5}
+    assert {one.pass_error for one in tests} == {0.05}
+
+
+@pytest.mark.parametrize("side", ["at most", "at least"])
+@pytest.mark.parametrize("shape", ["light", "heavy"])
+def test_a_driver_at_its_bound_passes_at_most_as_often_as_declared(outcomes, side, shape):
+    """The mean is exactly the limit: every pass is wrong. 5 % of 200 audits, and 3 deviations."""
+    rng, sign = np.random.default_rng([26, len(shape)]), 1.0 if side == "at most" else -1.0
+    if shape == "light":
+        values = rng.normal(6.0, 42.0, (200, 200)).clip(-244.0, 256.0)
+    else:  # 200 m in one of 50 episodes, 2.04 m in the others
+        values = np.where(rng.random((200, 200)) < 0.02, 200.0, (6.0 - 4.0) / 0.98)
+        values = sign * (values - 6.0) + 6.0
+    ends = (-250.0, 262.0)
+    found = [delayed(outcomes, row, side, 6.0, ends).decision for row in values]
+    assert sum(one is Decision.PASS for one in found) <= 200 * 0.05 + 3 * (200 * 0.05 * 0.95) ** 0.5
+    assert sum(one is Decision.FAIL for one in found) <= 200 * 0.05 + 3 * (200 * 0.05 * 0.95) ** 0.5

@@ -1,0 +1,150 @@
+"""Bounds of means: of the safety floor's events and of what a policy causes, and their check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.audit.evidence import drive
+from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes, events_of
+from socialiq.audit.profile.fields import QUANTITIES
+from socialiq.audit.profile.profile import Bound, Profile, measured_in
+from socialiq.audit.request import shipped_dial
+from socialiq.audit.seeds import episode_seeds
+from socialiq.audit.verdict.direction import driver_of, drivers_of
+from socialiq.audit.verdict.regret import Decision
+from socialiq.statistics import betting, intervals
+from socialiq.worlds.registry import NAMES
+
+
+@dataclass(frozen=True)
+class BoundTest:
+    """The mean of a quantity of an episode against its limit, significantly kept or broken.
+
+    Bounds are those of Clopper and Pearson if it is an event, else by betting on the declared range
+    of an episode. The lower one is at the fail error if the mean must be small, else at the pass
+    error; those of the upper one are the other way round.
+    """
+
+    name: str  # one of `CRITERIA`, or of `fields.QUANTITIES`
+    decision: Decision
+    side: str  # "at most" or "at least"
+    limit: float
+    count: int  # episodes with the event; of other quantities, beyond the declared range
+    episodes: int
+    share: float  # mean of the quantity: of an event its share
+    low: float
+    high: float
+    pass_error: float  # one-sided error of a wrong pass
+    fail_error: float  # one-sided error of a wrong fail
+    needed: int | None  # episodes that would decide, if the mean is true and not the limit
+
+
+def amount_of(test: BoundTest, value: float, world: str) -> str:
+    """Return a mean of a test's quantity with its unit in a world of this name."""
+    unit = measured_in(world).get(test.name, "")
+    return f"{value:.3g} {unit}" if unit else f"{100 * value:.3g} %"
+
+
+def words_of(
+    test: BoundTest, value: float, world: str, size: str = "", of: str = "episodes"
+) -> str:
+    """Return what a driver does with a mean of this size, as "at least ", in words."""
+    amount = size + amount_of(test, value, world)
+    if test.name in CRITERIA or amount.endswith("%"):
+        words = CRITERIA.get(test.name) or QUANTITIES[test.name].words
+        return f"{words} in {amount} of {of}"
+    return f"{QUANTITIES[test.name].words} {amount} an episode"
+
+
+def bound_tests(
+    policy: Outcomes, bounds: Sequence[Bound], pass_error: float = 0.05, fail_error: float = 0.05
+) -> tuple[BoundTest, ...]:
+    """Test every bound; at-fault and struck collisions apart, since the ego causes the first.
+
+    All must pass, so each may have the whole pass error (intersection-union). One that fails is
+    enough to fail, so each has its part of the fail error (Bonferroni). Bounds of shares are exact,
+    because error rates are guaranteed: Wilson's lower bound of a rare event errs up to three times
+    as often as its level (docs/audit.md).
+    """
+    tests, fail_error = [], fail_error / len(bounds)
+    columns = {**events_of(policy), **policy.beside}
+    for bound in bounds:
+        least, limit = bound.side == "at least", bound.limit
+        errors = (pass_error, fail_error) if least else (fail_error, pass_error)
+        values = columns[bound.quantity]
+        inside = values if bound.range is None else values.clip(*bound.range)
+        share = float(inside.mean())
+        error = pass_error if (share >= limit if least else share <= limit) else fail_error
+        if bound.range is None:
+            count = int(values.sum())
+            # A one-sided bound at an error is an end of the two-sided interval at twice that error.
+            low, high = (
+                intervals.clopper_pearson(count, len(values), 1.0 - 2.0 * end)[row]
+                for row, end in enumerate(errors, 1)
+            )
+            # Near 0 and 1 a share varies little: the deviation at the limit avoids a small number.
+            deviation = max(chance * (1.0 - chance) for chance in (share, limit)) ** 0.5
+            needed = intervals.episodes_needed(share - limit, deviation, error)
+        else:
+            count = int((inside != values).sum())
+            low, high, needed = _by_betting(inside, bound, errors, error)
+        holds = low >= limit if least else high <= limit
+        broken = high < limit if least else low > limit
+        decision = Decision.PASS if holds else Decision.FAIL if broken else Decision.INCONCLUSIVE
+        counted = (limit, count, len(values), share, low, high, pass_error, fail_error, needed)
+        tests.append(BoundTest(bound.quantity, decision, bound.side, *counted))
+    return tuple(tests)
+
+
+def _by_betting(
+    values: Float[np.ndarray, " episode"], bound: Bound, errors: tuple[float, float], error: float
+) -> tuple[float, float, int | None]:
+    """Return both bounds of a mean, and the episodes that would decide at an error."""
+    least, most = bound.range or (0.0, 1.0)
+    span, at_least = most - least, bound.side == "at least"
+    over, under = (values - least, bound.limit - least), (most - values, most - bound.limit)
+    ends = []
+    for (rows, margin), between, end in zip(
+        (under, over), (not at_least, at_least), errors, strict=True
+    ):
+        means = betting.levels(margin, span, between)
+        ends.append(float(betting.bounds_by_betting(rows[None], means, span, end)[0]))
+    rows, margin = over if values.mean() <= bound.limit else under
+    needed = betting.episodes_by_betting(rows, margin, span, error, intervals.POWER)
+    return most - ends[0], least + ends[1], needed
+
+
+CHECKED = 1_000
+"""Episodes of the best driver of an angle, on fixed seeds, against which bounds are checked."""
+
+
+def faults_of_bounds(profile: Profile) -> dict[str, str]:
+    """Return why the best driver of the declared angle fails a bound, by field of a declaration.
+
+    Every policy of that angle would fail too. Where no such driver is known, nothing is said.
+    """
+    if profile.scenario.world not in NAMES or profile.rule is not None:
+        return {}
+    angle, name, world, best = profile.angle, profile.scenario.world, profile.world(), None
+    course = drive.Course(world, episode_seeds(0, CHECKED), measured=profile.effects)
+    if world.is_exact:
+        optimum = driver_of(drivers_of(drive.exact_optima(course)), angle)
+        best = optimum and optimum.outcomes
+    elif angle <= 90.0 and (dial := shipped_dial(world, [angle])):
+        best = course.drive(dial[0][0])
+    if best is None:
+        return {}
+    return {
+        bound.path: (
+            f"the best driver of {angle:g} degrees "
+            f"{words_of(test, test.share, name, of=f'{CHECKED:,} episodes')}, and the "
+            f"{'floor' if test.name in CRITERIA else 'bound'} asks for {test.side} "
+            f"{amount_of(test, test.limit, name)}: declare another limit"
+        )
+        for bound, test in zip(profile.bounds, bound_tests(best, profile.bounds), strict=True)
+        if test.decision is Decision.FAIL
+    }
