@@ -45,9 +45,11 @@ LEAST_DECISIONS = 3
 def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.95) -> list[Row]:
     """Return a row for each driver of a world's replayed episodes, one for each vehicle.
 
-    Rewards, `speed` (m/s, at the end) and signals are means of a decision. `angle` is of the two
-    rewards, degrees, `low` and `high` its ends in the confidence region; None if all directions
-    are possible. `residual` is the root mean square of what the levels leave, m/s.
+    `r_env`, `r_social`, `speed` (m/s, at the end) and the unweighted signals are means of a
+    decision. `angle` is the direction of the two rewards, degrees, None if both are 0; `low` and
+    `high` are its ends in the confidence region, None if the region holds the origin, so that every
+    direction is possible, or of fewer than three decisions. `residual` is the root mean square of
+    what the levels leave, m/s.
     """
     table, road = replayed.table, world.road
     names = [source["recording"] for source in world.provenance["recordings"]]

@@ -18,10 +18,14 @@ _SPEED_LIMIT = "274"
 
 
 def write_commonroad(recording: Recording, path: Path) -> None:
-    """Write a recording as CommonRoad XML 2020a; signs get numbers of its fictitious country ZAM.
+    """Write a recording as CommonRoad XML 2020a.
 
-    A velocity that is not along the heading is written with a slip angle. `UserError` if two
-    elements have the same number, or the file can't be written.
+    A velocity that is not along the heading is written with a slip angle. Signs get the numbers
+    of the format's fictitious country ZAM. The recording's name becomes the benchmark's; other
+    readers require a name such as `ZAM_Cross-1_1_T-1`.
+
+    Raises:
+        UserError: If two elements have the same number, or the file can't be written.
     """
     tracks, road = recording.tracks, recording.road
     taken = [*tracks.identity.tolist(), *road.lanelets]

@@ -38,7 +38,14 @@ LIGHTS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 
 
 def save(path: Path, recording: Recording) -> str:
-    """Write a recording to one file, whole or not at all; return the SHA-256 of the content."""
+    """Write a recording to one file, whole or not at all; the folder must exist.
+
+    Returns:
+        The SHA-256 of the content, the same for every recording of the same content.
+
+    Raises:
+        UserError: If the file can't be written.
+    """
     tracks, lanelets = recording.tracks, list(recording.road.lanelets.values())
     header = {"dt": tracks.dt, "recording": tracks.recording, "source": tracks.source}
     rows: dict[str, list[Any]] = {name: [] for name in (*ROAD, *LIGHTS)}
@@ -70,7 +77,12 @@ def save(path: Path, recording: Recording) -> str:
 
 
 def load(path: Path) -> Recording:
-    """Read a recording, checking the file's bytes and then every column; else `UserError`."""
+    """Read a recording, checking the file's bytes and then every column.
+
+    Raises:
+        UserError: If the file is missing, damaged, of another kind or version, or its content
+            isn't a valid recording; the line names the file.
+    """
     arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, SECOND_VERSION))
     layout = ROAD | LIGHTS if header["version"] == SECOND_VERSION else ROAD
     expected = {*STATES, *ROAD_USERS, *layout}

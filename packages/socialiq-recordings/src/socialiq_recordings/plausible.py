@@ -97,7 +97,10 @@ _HEADINGS = {
 
 
 def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks, list[Refused]]:
-    """Return the tracks that are physically possible, and why each of the others is refused.
+    """Leave out the tracks that are physically impossible.
+
+    Returns:
+        The other tracks, and the reason for each refused track.
 
     Raises:
         UserError: If no track is left, or most fail in a way that a wrong unit explains.

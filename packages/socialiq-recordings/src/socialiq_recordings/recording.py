@@ -57,8 +57,11 @@ FARTHEST = 1e8  # m, m/s; no coordinate of the Earth is larger, and centimetres 
 class Tracks:
     """Road users of a recording: a row for each state, a list entry for each track.
 
-    A track's rows are adjacent, its frames increase by one; tracks are in the order 0, 1, 2, ...
-    `UserError` names the first bad row or track of an invalid column.
+    The rows of a track are adjacent and their frames increase by one; tracks are in the order of
+    their numbers, 0, 1, 2, ...
+
+    Raises:
+        UserError: If a column is invalid; the line names it and its first bad row or track.
     """
 
     track: Int32[np.ndarray, " state"]  # number of the track of each state

@@ -86,8 +86,10 @@ def area_of(
 ) -> Area | None:
     """Return the first area in which two ways cross or merge; None if there is none.
 
-    On the map two lanelets of the routes are in conflict, or both routes enter one lanelet from
-    different ones. An area that begins where a line does is no conflict: one follows the other.
+    The map must agree: two lanelets of the routes are in conflict, or both routes enter one
+    lanelet from different lanelets, as in a change of lane. An area that begins where one of the
+    lines does is no conflict: the vehicles follow each other, or the first is past it. The swept
+    areas are Shapely's.
     """
     if all(lanes.against[number].isdisjoint(second.lanelets) for number in first.lanelets):
         before, before_other = (
@@ -265,8 +267,9 @@ class Encounters:
     def meeting(self, ego: int, partner: int) -> Meeting | None:
         """Return the conflict of an ordered pair of tracks; None if there is none.
 
-        Both passed the area within `near` s and in view, or at one moment they would at their
-        speeds, both the first of their lanes: one who queues meets those ahead of it.
+        Either both passed the area within `near` s and were in view together before the second
+        arrived, or at one moment before either had left they would at their speeds. Both are the
+        first of their lanes then: who queues behind others meets them, not the crossing traffic.
         """
         ways = self.ways[ego], self.ways[partner]
         together = motion.frames_together(*ways)

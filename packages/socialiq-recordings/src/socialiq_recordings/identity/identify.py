@@ -260,7 +260,12 @@ _NAMED = 3  # pairs that a refusal names
 def identify_distinct(
     recordings: Sequence[Recording], duplicates: Duplicates = "drop"
 ) -> Identified:
-    """Return sites, chains and vehicles of recordings; `UserError` if they are refused."""
+    """Return sites, chains and vehicles of recordings.
+
+    Raises:
+        UserError: If two recordings have one name, or moments are in common and `duplicates` is
+            "refuse".
+    """
     one_of("duplicates", duplicates, get_args(Duplicates))
     check_names([recording.tracks.recording for recording in recordings])
     identified = identify(recordings)

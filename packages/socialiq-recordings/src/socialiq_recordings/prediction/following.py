@@ -71,9 +71,11 @@ def fit_population(train: Situations) -> Parameters:
 def fit_drivers(
     population: Parameters, situations: Situations, error: float, spread: float
 ) -> dict[int, Parameters]:
-    """Return the most probable log-parameters of each driver, by steps of Gauss and Newton.
+    """Return the most probable log-parameters of each driver.
 
-    Accelerations deviate by `error`, m/s², from the IDM's, drivers by `spread` from the population.
+    Accelerations are normal around the IDM's, with the deviation `error` in m/s², log-parameters
+    around the population's, with the deviation `spread`; steps of Gauss and Newton for all drivers
+    at once, from their moments that may be learned from.
     """
     vehicles, driver = np.unique(situations.vehicle, return_inverse=True)
     fitted = np.tile(population, (len(vehicles), 1))

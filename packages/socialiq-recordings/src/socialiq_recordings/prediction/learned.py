@@ -92,7 +92,9 @@ def demonstrations(situations: Situations, levels: Sequence[float]) -> Demonstra
 class Levels:
     """Densities of policies over levels, by the accelerations of the training moments.
 
-    A density is a mixture of levels, each centred on the mean of its accelerations, one spread.
+    A policy's density of an acceleration is a mixture over the levels, its probabilities the
+    weights: each level stands for the training accelerations that are nearest to it, with their
+    mean as its centre and one fitted spread around it.
     """
 
     def __init__(self, task: Task, settings: Training) -> None:

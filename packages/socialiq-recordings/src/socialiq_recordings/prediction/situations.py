@@ -114,7 +114,12 @@ class Situations:
         return before
 
     def half(self) -> Int64[np.ndarray, " moment"]:
-        """Return 0 for the first half of a driver's moments in conflict, 1 for later ones."""
+        """Return 0 for moments in the first half of the driver's conflicts, 1 for later ones.
+
+        A driver's moments in conflict are cut in the middle, of an odd number the first half is the
+        smaller; its other moments fall on either side by their time. Drivers without a conflict
+        are cut in the middle of all their moments.
+        """
         halves = np.ones(len(self), np.int64)
         order = np.lexsort((self.time, self.vehicle))
         ends = np.flatnonzero(np.diff(self.vehicle[order])) + 1
@@ -159,7 +164,13 @@ _NO_AREA: dict[str, Any] = {
 def situations_of(
     recordings: Sequence[Recording], identified: Identified, drop: bool = True
 ) -> Situations:
-    """Return the situations of all vehicles, one for each second; with `drop` each moment once."""
+    """Return the situations of all vehicles on the road, one for each second.
+
+    With `drop` a vehicle whose moments several recordings show gets moments in one only.
+
+    Raises:
+        UserError: If no vehicle is in view for a second.
+    """
     tracks = [recording.tracks for recording in recordings]
     longest = tracks_kept(tracks, identified) if drop else None
     clocks = clocks_of(identified)

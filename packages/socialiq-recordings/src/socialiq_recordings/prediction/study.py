@@ -235,7 +235,14 @@ def _task(situations: Situations, half: np.ndarray, fold: Fold, seed: int) -> Ta
 
 
 def choices(situations: Situations, seed: int = 0) -> ChoiceTable:
-    """Return every moment as a choice among accelerations by the base model's probabilities."""
+    """Return every moment as a choice among accelerations, tilted by nothing but the base model.
+
+    Log-probabilities of a moment are in proportion to the density by the base predictor, which was
+    trained on other chains (held-out vehicles).
+
+    Raises:
+        UserError: If vehicles can't be held out.
+    """
     low, high, step = GRID
     grid = np.arange(low, high + step / 2, step)
     half = situations.half()

@@ -24,7 +24,10 @@ FORMATS = ("commonroad", "csv", "argoverse")
 def map_of(path: Path, source: Mapping[str, Any]) -> RoadNetwork:
     """Read a map in the frame of a recording's tracks: CommonRoad XML, a recording, or Lanelet2.
 
-    The provenance has the frame's origin: `utm_origin`, m, or `origin`, degrees.
+    The recording's provenance has the origin of its frame: `utm_origin`, m, or `origin`, degrees.
+
+    Raises:
+        UserError: If it can't be read, or holds no lanelet.
     """
     if path.suffix.lower() != ".osm":
         return road_of(path)

@@ -41,7 +41,12 @@ _STATES = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
 
 
 def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Imported:
-    """Read a scenario, `scenario_ID.parquet`, with the map beside it; else `UserError`."""
+    """Read a scenario, `scenario_ID.parquet`, with the map beside it, if there is one.
+
+    Raises:
+        UserError: If a file can't be read, lacks a column, has more states than `most_states`, or
+            no track can be used.
+    """
     table = _table(path, most_states)
     kinds, gathered, names = table["object_type"], tracks.Gathered(path), []
     gathered.n_states = len(kinds)

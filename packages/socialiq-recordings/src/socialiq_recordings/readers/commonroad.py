@@ -26,7 +26,13 @@ LICENCE = "the scenario's own: see its source, and the terms under which it was 
 
 
 def read_commonroad(path: Path, most_states: int = tracks.MOST_STATES) -> Imported:
-    """Read a scenario as a recording; `UserError` names the file's line or the element's number."""
+    """Read a scenario as a recording. Only the order of each track's frames is checked.
+
+    Raises:
+        UserError: If the file is missing, not of these versions, damaged, without a track that can
+            be used, or has more than `most_states`; the line has the file's line or the element's
+            number.
+    """
     draft = _Draft(path, most_states)
     return draft.imported(xml.read(path, draft))
 

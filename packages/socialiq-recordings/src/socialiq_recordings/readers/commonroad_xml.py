@@ -85,7 +85,12 @@ class Consumer(Protocol):
 
 
 def read(path: Path, consumer: Consumer) -> str:
-    """Pass a file's elements to a consumer, return its SHA-256; `UserError` names the line."""
+    """Pass a file's elements to a consumer, and return the file's SHA-256.
+
+    Raises:
+        UserError: If the file is missing, empty, not XML, declares a document type, or holds an
+            element of excessive size. The line has the file's line.
+    """
     digest = hashlib.sha256()
     stream = _Stream(path, consumer)
     with open_file(path) as file:

@@ -31,8 +31,11 @@ def read_csv(
 ) -> list[Imported]:
     """Read the recordings of a CSV file; rows that can't be read are dropped and counted.
 
-    The lanes of a road give standing vehicles their heading; `stated` is added to the provenance.
-    `UserError` names the row or id if a column is missing or more than half the rows have a fault.
+    The lanes of a road give standing vehicles their heading. `stated` is added to the provenance.
+
+    Raises:
+        UserError: If a file is missing, empty, lacks a column or has too many rows, more than half
+            of its rows have a fault, or no track can be used; the line has the row or the id.
     """
     table = Table(path, columns.separator, most_states)
     texts, whole = frozenset({"recording", "class"}), frozenset({"id", "frame"})

@@ -66,10 +66,14 @@ class Table:
     def read(
         self, columns: Names, texts: Kinds, integers: Kinds, optional: tuple[str, ...] = ()
     ) -> None:
-        """Read columns of the file, its names by ours; the file may lack optional ones.
+        """Read columns of the file, its names by ours.
+
+        Texts and whole numbers are named; the others are numbers, NaN for an empty cell. The file
+        may lack optional columns.
 
         Raises:
-            UserError: If that can't be, or most rows can't be read; the line names the first one.
+            UserError: If the file is missing, empty, too large or lacks a column, or more than half
+                of its rows can't be read; the line names the first such row.
         """
         rows = csv.reader(_lines(self.path), delimiter=self._separator)
         try:

@@ -74,7 +74,12 @@ class Cycle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Lanelet:
-    """Section of a lane, driven from the first points of its bounds to the last."""
+    """Section of a lane, driven from the first points of its bounds to the last.
+
+    Raises:
+        UserError: If a bound has fewer than two points, the numbers differ, or a coordinate
+            isn't finite.
+    """
 
     identity: int  # number of the lanelet in the file
     left: Float64[np.ndarray, "point 2"]  # left bound, in driving direction
@@ -233,7 +238,11 @@ NO_ROAD = (
 
 
 def lanes_of(road: RoadNetwork) -> Lanes:
-    """Find a road's conflicts: lanelets whose centre lines cross, or that lead to one lanelet.
+    """Find a road network's conflicts.
+
+    Two lanelets cross if their centre lines do; they merge if they lead to the same lanelet.
+    Lanelets that follow each other or leave the same lanelet also overlap, but their vehicles
+    follow each other: no conflict.
 
     Raises:
         UserError: If it has no lanelet, or Shapely is not installed.

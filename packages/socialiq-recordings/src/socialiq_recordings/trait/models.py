@@ -77,8 +77,11 @@ class Models(NamedTuple):
 def fit_models(table: ChoiceTable, seed: int, step: float = 5.0) -> Models:
     """Infer every trait from first halves and predict second halves.
 
-    `step` is that of the angles, degrees, before grids are narrowed; `seed` shuffles. `UserError`
-    unless two drivers have decisions in conflict in both halves.
+    `step` is that of the angles integrated over, degrees, before grids are narrowed to what first
+    halves leave (`traits`). `seed` is that of the shuffling.
+
+    Raises:
+        UserError: If fewer than two drivers have decisions in conflict in both halves.
     """
     sample = sample_of(table)
     if len(sample.identity) < 2:

@@ -40,7 +40,9 @@ class Made(NamedTuple):
 
 
 def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
-    """Make a world of recordings with roads, a schedule each, its drivers calibrated on all.
+    """Make a world of recordings with roads, whose drivers are calibrated on all of them.
+
+    Several recordings give several schedules of entries.
 
     Raises:
         UserError: If a recording has no road or too few vehicles, or no vehicle meets a conflict.

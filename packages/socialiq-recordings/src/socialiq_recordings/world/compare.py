@@ -48,9 +48,11 @@ def simulate(built: Made, seed: int, repeats: int = 1) -> Observed:
 
 
 def contacts(built: Made, seed: int, repeats: int = 1) -> Row:
-    """Return the number of simulated `vehicles`, of `pairs_in_contact`, and `deepest_contact`, m.
+    """Return the number of simulated `vehicles`, and of `pairs_in_contact` that overlap.
 
-    Vehicles are smaller by the world's `slack` than recorded, as for an ego.
+    No vehicle of these simulations is an ego, whose contacts alone end episodes. Vehicles are
+    smaller by the world's `slack` than recorded, as for an ego. `deepest_contact` is of two
+    rectangles, m.
     """
     vehicles, pairs, deepest = 0, 0, 0.0
     for _, tracks, _ in _simulated(built, seed, repeats):

@@ -69,7 +69,13 @@ class State(tuple[np.ndarray, ...]):
 
 
 class JunctionBatch(RoadBatch):
-    """Episodes of one world, as `RoadBatch`; actions are levels, or `AS_DRIVER`."""
+    """Episodes of one world side by side, in the state `traffic`; see `RoadBatch`.
+
+    An action is the number of a level, or `AS_DRIVER`.
+
+    Raises:
+        UserError: If `size` or `threads` is not positive.
+    """
 
     def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
         options = world.options

@@ -78,8 +78,9 @@ def train_with_practice(
 ) -> Practised:
     """Train dials on demonstrations of a world, and again after each round of practice there.
 
-    Each training begins with new weights. `callbacks` gets the number of practised rounds and the
-    name of a stage, each `chunk` updates.
+    Each training begins with new weights, and each run practises on episodes of its own.
+    `callbacks` gets the number of practised rounds and the name of a stage, each `chunk` updates.
+    Raises as `learners.dial.offline.train`.
     """
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
 

@@ -109,7 +109,12 @@ def _fail(line: str, status: int = UserError.exit_status) -> int:
 
 
 def parse(arguments: list[str] | None) -> Any:
-    """Return the command's object with its options; or raise a `UserError`."""
+    """Return the command's object, with its options.
+
+    Raises:
+        UserError: If the command line can't be understood.
+        SystemExit: After a help page, the version or a completion script.
+    """
     every = sys.argv[1:] if arguments is None else arguments
     words.check_words(every)
     line = [word for word in every if word != "--json"]

@@ -189,7 +189,8 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
     """Read the columns of a CSV file of steps (UTF-8, comma, first line with the names).
 
     Raises:
-        UserError: If one is wrong; the line names the file's line and the column.
+        UserError: If the file is missing, empty or too large, its header is wrong, or a cell
+            cannot be read; the line names the file's line and the column.
     """
     with open_csv(path) as file:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
@@ -252,7 +253,8 @@ def read_parquet(
     """Read the columns of a Parquet file of steps, and the entry `key` of its metadata or None.
 
     Raises:
-        UserError: If one is wrong; the line names it.
+        UserError: If the file is missing, damaged or too large, a column is unknown, missing or of
+            another type, or a cell is empty; the line names the column.
     """
     parquet = optional(*_LIBRARY)
     with open_file(path) as file:

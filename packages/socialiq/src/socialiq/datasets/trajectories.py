@@ -86,8 +86,11 @@ def of_trajectories(
 def read_trajectories(path: Path, *, mode: str = "demonstrator", **options: Any) -> Demonstrations:
     """Read a file of trajectories: `imitation`'s archive (.npz), or one row for each step.
 
-    A .csv or .parquet has the columns of `ROWS`; `terminal` is set in the last row of one that
-    ends. Further options are those of `of_trajectories`. `UserError` names what is wrong.
+    A .csv or .parquet has the columns of `ROWS`: `trajectory` numbers the trajectories, `terminal`
+    is set in the last row of one that has an end. Further options are those of `of_trajectories`.
+
+    Raises:
+        UserError: If the file is missing or damaged, or an array or column is missing or wrong.
     """
     kind, source = format_of(path), source_of(path) if path.is_file() else {}
     if kind == ".npz":

@@ -257,9 +257,11 @@ class Demonstrations:
         )
 
     def one_of_each_block(self, size: int, seed: int) -> Demonstrations:
-        """Keep one random row from each block of `size` >= 1 rows, and the row of a terminal state.
+        """Keep one random row from each block of `size` >= 1 rows of an episode.
 
-        A fixed stride would see a periodic demonstrator in few of its phases.
+        Rows at a fixed stride see a periodic demonstrator in few of its phases; random rows see
+        all. The row that ends an episode in a terminal state is kept beside them, since learners
+        that treat endings by how often they occur would else be misled.
         """
         if size < 1:
             raise UserError(f"cannot keep one row of each {size}: use a block of 1 or more rows")

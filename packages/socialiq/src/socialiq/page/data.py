@@ -186,7 +186,12 @@ def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, floa
 
 
 def own_dial(path: Path) -> PageDial:
-    """Return a user's dial for the intersection, with its measured curve; else `UserError`."""
+    """Return a user's dial that fits the intersection, with a curve that is measured here.
+
+    Raises:
+        UserError: If it can't be read, is no dial, has a view that the page lacks, or no whole
+            angle from 0 to 90 degrees.
+    """
     dial = DialPolicy.load(path)
     if isinstance(dial.turned.view, OneHot):
         raise UserError(

@@ -60,7 +60,13 @@ FILE = "index.html"
 
 
 def page(dial: PageDial | None = None) -> str:
-    """Return the HTML that turns a dial, by default the shipped ones, and makes no request."""
+    """Return the page's HTML, which turns a dial, by default the shipped ones, of both rewards.
+
+    It makes no request; its program and its styles are named by hash.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
     dials = [dial] if dial else [shipped_dial(), caused_dial()]
     counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
     data = {**core(Options()), "dials": [of_dial(dial) for dial in dials], "crossing": crossing()}

@@ -91,10 +91,11 @@ def _is_there(word: str) -> bool:
 def hash_files(
     words: Sequence[str], labelled: Sequence[tuple[str, Path]], copies: Path | None = None
 ) -> CodeHash:
-    """Hash words, and files and folders by the word that names each, preceded by their lengths.
+    """Hash words, and files and folders with their paths; each part is preceded by its length.
 
-    A folder for `copies` gets the bytes that are hashed. `UserError` if a file can't be read, a
-    folder has too many files, or a link leaves it.
+    Each file or folder comes with the word that names it. A folder for `copies` gets the bytes that
+    are hashed, readable by all users. `UserError` if a file can't be read, a folder has too many
+    files, or a link leaves it.
     """
     digest, files, size, paths = hashlib.sha256(), 0, 0, {}
     for word in words:

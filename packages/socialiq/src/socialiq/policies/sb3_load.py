@@ -270,7 +270,9 @@ def normalised(policy: Policy, content: bytes, n_features: int, source: str) -> 
 class EpsilonGreedy:
     """Policy that takes the best action, or with probability ε a uniformly random one.
 
-    Each observation has its own draw, so that episodes do not depend on the batch.
+    Stable-Baselines3 draws once for all observations of a call; here every observation has its own
+    draw, so that episodes do not depend on the batch. For a single observation the distribution is
+    the same.
     """
 
     greedy: QPolicy

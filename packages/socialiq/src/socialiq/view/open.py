@@ -152,9 +152,11 @@ class PolicyDecider:
         return self.loaded.record.kind == "dial"
 
     def decide(self, question: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the `actions` of some observations; `UserError` if the question is malformed.
+        """Return the `actions` of some observations, one for each.
 
-        It has `observations`, `decisions` (how many each episode has had) and a dial's `angle`.
+        The question has `observations`, rows of the world's features; `decisions`, how many each
+        episode has had; and `angle` in degrees, of a dial. `UserError` if it is malformed, or the
+        policy fails.
         """
         n_features = self._world.n_features
         unknown = UserError("the page asked in a way that is not known: reload it")

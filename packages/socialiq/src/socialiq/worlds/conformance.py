@@ -87,10 +87,13 @@ def _compared(core: RoadBatch, real: RealScene | _RealIntersection) -> tuple[boo
 
 
 def compare_scene(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
-    """Run episodes of a scene on the core and highway-env, and compare after every decision.
+    """Run seeded episodes of a scene on the core and on highway-env, and compare every decision.
 
-    Actions are drawn, in every fourth episode in the ego's lane, in another of speed alone.
-    Episode i has seed + i.
+    Actions are drawn; in every fourth episode the ego keeps its lane and goes faster, in another
+    it only changes its speed. Episode i has seed + i.
+
+    Raises:
+        UserError: If `episodes` is below 1, or the scene is unknown.
     """
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
@@ -129,10 +132,14 @@ class _RealIntersection:
 def compare_intersection(
     options: Options, episodes: int, seed: int, driver: Policy | None = None
 ) -> Iterator[Compared]:
-    """Run episodes on the core and on highway-env, and compare after every decision.
+    """Run seeded episodes on the core and on highway-env, and compare after every decision.
 
-    Without a driver go, idle, wait and random drive in turn; continuous actions are drawn in four
-    ways. Episode i has seed + i.
+    Without a driver go, idle, wait and random drive in turn. Continuous actions are drawn: full
+    acceleration without steering; acceleration at random with little steering, in float32 and in
+    float64; all at random. Episode i has seed + i.
+
+    Raises:
+        UserError: If `episodes` is below 1.
     """
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")

@@ -85,9 +85,11 @@ def tabulate(world: GridWorld) -> Table:
 
 @lru_cache(maxsize=64)
 def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float, float]:
-    """Return the smallest and the largest weighted sum (env, social) of an episode, exactly.
+    """Return the smallest and the largest weighted sum of an episode's rewards, exactly.
 
-    By dynamic programming over all actions and chance outcomes: each is reached in some episode.
+    By dynamic programming over all actions and all possible chance outcomes: limits of every
+    driver's every episode, and each is reached in some episode. The weights are of r_env and
+    r_social.
     """
     outcome, possible = _outcomes(world), np.asarray(world.chance) > 0.0
     signals = {name: np.asarray(values, np.float64) for name, values in outcome.signals.items()}

@@ -76,7 +76,12 @@ def refuse_file(name: str) -> None:
 
 
 def open_world(name: str, **options: Any) -> World:
-    """Return a world by its name and options, or of a file, which has none; else `UserError`."""
+    """Return any world: one of `NAMES` or a scene with options, or one from a file, which has none.
+
+    Raises:
+        UserError: If the world, an option or a value is unknown, or a file holds no world, is
+            damaged, or lacks its distribution.
+    """
     loader = _loaders().get(kind_of(Path(name)))
     if loader is None and not name.lower().endswith(_FILES):
         if (scene := name.removesuffix(CAUSED)) not in SCENES:

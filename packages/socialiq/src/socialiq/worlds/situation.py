@@ -148,7 +148,13 @@ TIMED = ("intersection",)
 
 
 def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
-    """Check that a rule reads features of this world, and without a clock no time."""
+    """Check that a rule reads features of its world, and that this is one named, if any.
+
+    Without a clock it must not read the time.
+
+    Raises:
+        UserError: If a feature is unknown, or the rule is of another world.
+    """
     one_of("world of a rule", rule.world, tuple(SITUATIONS))
     features = (*SITUATIONS[rule.world], *((TIME,) if rule.world in TIMED else ()))
     for name in rule.features:
@@ -206,7 +212,12 @@ class ContextPolicy(ValuePolicy):
 
     @classmethod
     def of(cls, dial: DialPolicy, rule: AngleRule) -> ContextPolicy:
-        """Join a dial and a rule; `UserError` unless the dial has the rule's angles."""
+        """Join a dial and a rule.
+
+        Raises:
+            UserError: If the rule reads an unknown feature, the dial is of another world, or an
+                angle is outside the dial's range.
+        """
         policy = cls(dial, rule)
         check_rule(rule)
         plain = plain_features(rule.world)

@@ -116,7 +116,12 @@ def called(what: str, function: Callable[..., Any], *arguments: Any, **keywords:
 
 
 def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None:
-    """Raise a `UserError` for an environment that policies cannot drive in."""
+    """Refuse an environment that policies cannot drive in; arrays as actions may be allowed.
+
+    Raises:
+        UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
+            finite bounds; or its observations are not arrays.
+    """
     if not isinstance(env, gymnasium.Env):
         raise UserError(f"{type(env).__name__} is no gymnasium.Env: make it by make_environment")
     actions, observations = env.action_space, env.observation_space

@@ -135,7 +135,13 @@ def linked(core: Path, target: Path) -> None:
 
 
 def elementary_functions(folder: Path) -> str:
-    """Write libraries with the page's elementary functions; return LD_PRELOAD for them."""
+    """Write shared libraries of this machine with the elementary functions of the page.
+
+    The result is the value of LD_PRELOAD with which a program calls them in the place of its own.
+
+    Raises:
+        UserError: As `linked`.
+    """
     functions, names = folder / "libelementary.so", folder / "libnames.so"
     plain = ["-mcpu", "baseline", "-fstrip", "-O", "ReleaseFast"]
     _zig(["build-lib", "-dynamic", *plain, str(_HERE / "elementary.zig")], functions)

@@ -309,7 +309,13 @@ class Buffers(NamedTuple):
     def of(
         options: RoadOptions, kind: np.dtype, most: int, size: int, traced: bool = False
     ) -> Buffers:
-        """Return empty buffers of so many episodes and vehicles, with every sub-step if traced."""
+        """Return empty buffers of so many episodes with at most so many vehicles, by their record.
+
+        If traced, there is space for every sub-step.
+
+        Raises:
+            UserError: If the size is not positive.
+        """
         if size < 1:
             raise UserError(f"size must be at least 1, got {size}")
         rows, capacity = (size,), (size, most)

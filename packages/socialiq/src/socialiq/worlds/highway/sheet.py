@@ -204,7 +204,8 @@ def save(path: Path, scenes: Sequence[Scene], view: View, frames_per_second: int
     """Write a film, whole or not at all: a .gif, or a .mp4 if ffmpeg is installed.
 
     Raises:
-        UserError: If there is no scene, or the suffix, rate, ffmpeg or the file refuses.
+        UserError: If there is no scene, the suffix is not supported, ffmpeg is missing or fails,
+            the rate is out of range, or the file can't be written.
     """
     if path.suffix not in (".gif", ".mp4"):
         raise UserError(f"cannot write films as '{path.suffix}': choose a .gif or .mp4")

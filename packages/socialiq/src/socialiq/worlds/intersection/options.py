@@ -123,7 +123,9 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
 
 @dataclass(frozen=True)
 class ContinuousOptions(Options):
-    """Options of the scenario with continuous actions; without steering the ego drives straight.
+    """Options of the same scenario with highway-env's continuous actions.
+
+    Nothing steers along the lane for the ego: with acceleration alone it drives straight on.
 
     Raises:
         UserError: As `Options`, and if the ego can't reach its destination.

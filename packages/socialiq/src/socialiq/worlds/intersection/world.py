@@ -41,8 +41,11 @@ def commands(actions: Float[np.ndarray, "batch value"]) -> list[Float[np.ndarray
 class Batch(RoadBatch):
     """Episodes of one scenario side by side; see `RoadBatch`.
 
-    The back end "highway_env" is the real one, hundreds of times slower. With `traced`,
+    The back end "highway_env" is the real environment, hundreds of times slower. With `traced`,
     `buffers.trace` has the vehicles of every sub-step, for films.
+
+    Raises:
+        UserError: If a number is not positive, or highway-env is requested and not installed.
     """
 
     n_actions, faster = len(scenario.ACTIONS), scenario.FASTER
