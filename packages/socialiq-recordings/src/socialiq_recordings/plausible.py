@@ -49,7 +49,10 @@ class MeasurementError:
                 raise UserError(f"error of {field.name} must be a number above 0, got {value:g}")
 
     def mean_speed(self, seconds: float, driven: float) -> float:
-        """Return the largest difference of `driven` and stated mean speed over a time, m/s."""
+        """Return the largest difference of driven and stated mean speed over a time, m/s.
+
+        The driven distance is a difference of two positions; `driven` is its speed, m/s.
+        """
         positions = math.sqrt(2.0) * self.position / seconds
         return COVERAGE * math.hypot(self.speed, positions, self.scale * driven)
 
@@ -69,7 +72,10 @@ class MeasurementError:
 
     @property
     def overlap(self) -> float:
-        """Largest depth by which two boxes overlap although the vehicles do not touch, m."""
+        """Largest depth by which two boxes overlap although the vehicles do not touch, m.
+
+        The depth is a difference of two positions, less half a side of each box.
+        """
         return COVERAGE * math.hypot(math.sqrt(2.0) * self.position, self.size / math.sqrt(2.0))
 
 
@@ -315,7 +321,10 @@ def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray
 
 
 class Overlaps(NamedTuple):
-    """Pairs of rows of a frame whose rectangles overlap, and the smallest parting shift, m."""
+    """Pairs of rows of a frame whose rectangles overlap, and the depth, m.
+
+    The depth is the smallest displacement that would separate the rectangles.
+    """
 
     first: Int64[np.ndarray, " pair"]
     second: Int64[np.ndarray, " pair"]

@@ -60,7 +60,10 @@ def road() -> RoadNetwork:
 
 
 def record(options: Options, policy: Policy, seed: int, name: str = "") -> Recording:
-    """Run an episode with a policy of the ego and record every sub-step."""
+    """Run an episode with a policy of the ego and record every sub-step.
+
+    By default the recording's name is derived from the seed.
+    """
     batch = Batch(options, 1, traced=True)
     batch.reset([seed])
     count = int(batch.buffers.episodes[0]["vehicles"])
@@ -117,7 +120,10 @@ _FEWEST = 20  # steps or seconds from which a share is judged
 
 
 def signs_of_simulation(tracks: Tracks) -> tuple[str, ...]:
-    """Return why a recording is simulated: its header, no noise, or repeated seconds."""
+    """Return the reasons to take a recording as simulated; empty if there are none.
+
+    Its header names a simulator, it has no noise, or seconds are repeated exactly.
+    """
     signs = []
     for name in _HEADER:
         text = _NOT_SIMULATED.sub("", str(tracks.source.get(name, "")))

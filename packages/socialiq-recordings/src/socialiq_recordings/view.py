@@ -28,7 +28,11 @@ _CM = 2  # decimals of metres
 
 
 class Traffic:
-    """A recording, as the page shows it; `UserError` without a state, or without Shapely."""
+    """A recording, as the page shows it.
+
+    Raises:
+        UserError: If it has no state, or Shapely is not installed.
+    """
 
     def __init__(self, recording: Recording) -> None:
         self._recording, self._tracks = recording, recording.tracks
@@ -47,7 +51,10 @@ class Traffic:
         return math.ceil(self.frames / CHUNK)
 
     def part(self, number: int) -> dict[str, Any]:
-        """Return the frames of a part: rows of track, x, y in m, heading in rad, speed in m/s."""
+        """Return the `frames` of a part, JSON-compatible.
+
+        A row for each road user: track, x, y in m, heading in rad, speed in m/s.
+        """
         of, frames = self._tracks, []
         for frame in range(number * CHUNK, min((number + 1) * CHUNK, self.frames)):
             rows = self._order[self._at[frame] : self._at[frame + 1]]
@@ -75,7 +82,10 @@ class Traffic:
         ]
 
     def conflicts(self) -> list[dict[str, Any]]:
-        """Return the conflicts of unordered pairs, the closest first; frames from the first."""
+        """Return the conflicts of unordered pairs, those that came closest first.
+
+        Frames count from the first of the recording.
+        """
         if not self._recording.road.lanelets:
             return []
         encounters = Encounters(Scene(self._recording))

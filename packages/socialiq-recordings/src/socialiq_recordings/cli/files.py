@@ -292,7 +292,11 @@ class OfDistinct(OfRecordings):
     """Moments that are in several recordings: count each once, keep all, or refuse."""
 
     def load(self) -> tuple[list[Recording], Identified]:
-        """Return the recordings and what they have in common, which is said or refused."""
+        """Return the recordings and what they have in common, which is said.
+
+        Raises:
+            UserError: If there is none, one can't be read, or moments in common are refused.
+        """
         recordings = load_all(self.recordings, self.road)
         for recording in recordings:  # what can be refused, before the slow work
             if not recording.road.lanelets:

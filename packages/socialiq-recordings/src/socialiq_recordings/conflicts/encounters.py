@@ -250,7 +250,11 @@ class Encounters:
         return area if area is None or first == pair[0] else area.swapped()
 
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
-        """Return the encounters of `scene`, other motion on this road; `ways` are of its tracks."""
+        """Return the encounters of other motion along the same ways; the areas stay.
+
+        The scene has that motion on the same road, numbered newly; `ways` has the way there of each
+        track here that is there.
+        """
         copied = copy.copy(self)
         copied.__dict__.pop("in_time", None)
         copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
@@ -315,7 +319,10 @@ class Encounters:
         return held(self.scene, first, frame) or held(self.scene, second, frame)
 
     def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
-        """Whether nothing but the track `but` is on a way before the entry of an area, m."""
+        """Whether no other vehicle is on a way between its vehicle and the entry of an area, m.
+
+        The track `but` doesn't count: the other vehicle of the conflict.
+        """
         return self.config.queued or not self._held_up(way, entry, but)[frame - way.first]
 
     def meetings(self) -> list[Meeting]:

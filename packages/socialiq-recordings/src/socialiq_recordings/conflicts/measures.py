@@ -153,7 +153,10 @@ def _moments(meeting: Meeting, chosen: Bool[np.ndarray, " frame"]) -> Iterator[t
 
 
 def ttc_at(meeting: Meeting, frame: int, times: Times) -> float:
-    """Return the time to collision at a frame, s; where ways merge, also behind the line."""
+    """Return the time to collision at a frame, s.
+
+    Where ways merge, the second vehicle may also reach the first behind the line.
+    """
     now = frame * meeting.ego.dt
     ego_times, other_times = ((times_in.enters - now, times_in.leaves - now) for times_in in times)
     crossing = time_to_collision_crossing(ego_times, other_times)

@@ -62,7 +62,10 @@ class Way:
         return self.along[frames - self.first], self.speed[frames - self.first]
 
     def reached(self, coordinate: float) -> float:
-        """Return the frame at which the middle reached a coordinate; ∓ infinity beyond the view."""
+        """Return the frame, with a fraction, at which the middle reached a coordinate.
+
+        Minus infinity if it was beyond at its first frame, infinity if it had not at its last.
+        """
         if coordinate < self.along[0]:
             return -np.inf
         if coordinate > self.along[-1]:
@@ -182,7 +185,10 @@ def expected(way: Way, entry: float, end: float) -> Occupancy:
 
 
 def apart(first: Occupancy, second: Occupancy) -> Any:
-    """Return the time between two occupancies, s: 0 if they overlap, infinity if one is unknown."""
+    """Return the time between two occupancies, s; 0 if they overlap; of numbers or arrays.
+
+    Infinity if one never arrives, or both had left before they came into view.
+    """
     with np.errstate(invalid="ignore"):
         gaps = second.enters - first.leaves, first.enters - second.leaves
     never = np.isposinf(first.enters) | np.isposinf(second.enters) | np.isnan(gaps).any(axis=0)
@@ -220,7 +226,10 @@ class OnWay(NamedTuple):
 
 
 def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
-    """Return the vehicles, narrowed by `slack`, m, on a way at a frame that drive as it leads."""
+    """Return the vehicles whose rectangles are on a way at a frame, driving as it leads.
+
+    They are narrower by `slack`, m, than recorded.
+    """
     tracks, rows = scene.tracks, scene.present(frame)
     rows = rows[tracks.track[rows] != way.track]
     positions = way.line.coordinates(tracks.x[rows], tracks.y[rows])
@@ -268,7 +277,11 @@ def ahead_of(scene: Scene, way: Way, slack: float) -> Ahead:
 def in_the_way(
     way: Way, lateral: OfVehicles, turned: OfVehicles, width: OfVehicles, slack: float
 ) -> Bool[np.ndarray, " vehicle"]:
-    """Whether vehicles, narrowed by `slack`, m, overlap what a way sweeps and drive as it leads."""
+    """Whether vehicles beside a way overlap what it sweeps, and drive as it leads.
+
+    Their middles lie beside it, m, their headings are turned to it, rad; all are narrower by
+    `slack`, m, than recorded.
+    """
     beside = np.abs(lateral) < (way.width + width) / 2 - slack
     return beside & (np.abs(turned) < _SAME_DIRECTION)
 
@@ -308,7 +321,10 @@ class InTime:
         return np.array([way.box for way in self._every]).reshape(-1, 4)
 
     def between(self, first: int | float, last: int | float, near: Way | None = None) -> list[Way]:
-        """Return the ways in view from a frame to another; with a way, those whose boxes meet."""
+        """Return the ways that are seen between two frames, both included, in their order.
+
+        With another way, only those whose boxes overlap its box: most ways end here.
+        """
         begin = np.searchsorted(self._first, first - self.longest, side="left")
         end = np.searchsorted(self._first, last, side="right")
         chosen = np.sort(self._order[begin:end])

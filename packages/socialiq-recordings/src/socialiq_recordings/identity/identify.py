@@ -235,7 +235,10 @@ def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place
 def pairs_once(
     sizes: Mapping[tuple[int, int, int], float], identified: Identified
 ) -> set[tuple[int, int, int]]:
-    """Return the pairs of tracks that are kept: of two that show one conflict, the longer."""
+    """Return the pairs of tracks that are kept: of two that show one conflict, the longer.
+
+    Durations are by recording, ego and other.
+    """
     same = same_moments(identified)
 
     def equal(key: tuple[int, int, int]) -> list[tuple[int, int, int]]:

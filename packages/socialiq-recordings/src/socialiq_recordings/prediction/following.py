@@ -40,7 +40,10 @@ def accelerations(
     gap: Float64[np.ndarray, "*#shape"],
     leader_speed: Float64[np.ndarray, "*#shape"],
 ) -> Float64[np.ndarray, "*#shape"]:
-    """Return accelerations of the IDM, m/s², of one set of parameters or one for each vehicle."""
+    """Return accelerations of the IDM, m/s², of one set of parameters or one for each vehicle.
+
+    Speeds in m/s; the gap is to the leader's rear, m, infinite without a leader.
+    """
     desired, headway, jam, strongest, comfort = np.moveaxis(np.exp(log_parameters), -1, 0)
     return acceleration(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
 
@@ -48,7 +51,10 @@ def accelerations(
 def next_second(
     log_parameters: Float64[np.ndarray, "*some parameter"], situations: Situations
 ) -> OfMoments:
-    """Return the mean acceleration, m/s², of a second behind a leader that keeps its speed."""
+    """Return the mean acceleration of the next second behind a leader that keeps its speed, m/s².
+
+    Of one set of parameters, or one for each moment.
+    """
     speed, gap, dt = situations.speed, situations.gap, 1.0 / _STEPS
     for _ in range(_STEPS):
         rate = accelerations(log_parameters, speed, gap, situations.leader_speed)

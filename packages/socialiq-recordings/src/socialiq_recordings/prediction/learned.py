@@ -65,7 +65,11 @@ class Training:
 
 
 def demonstrations(situations: Situations, levels: Sequence[float]) -> Demonstrations:
-    """Return unbroken sequences of moments as demonstrations; actions are even `levels`, m/s²."""
+    """Return moments as demonstrations whose actions are levels of acceleration.
+
+    An episode is an unbroken sequence of a vehicle's moments, and ends as it leaves the view. The
+    levels, in m/s², are ascending and equally spaced.
+    """
     moments = situations.rows(
         np.lexsort((situations.time, situations.recording, situations.vehicle))
     )
@@ -118,7 +122,10 @@ class Levels:
     def fitted(
         self, chances: Chances, log_share: Shares, by_driver: dict[int, Shares] | None = None
     ) -> Fitted:
-        """Return the model of policies mixed by log-shares, and by those of known drivers."""
+        """Return the model of some policies, mixed.
+
+        `log_share` is the log-probability of each policy, `by_driver` the same of known drivers.
+        """
         shares_of = by_driver or {}
 
         def forecast(situations: Situations, _last: Any) -> Forecast:

@@ -60,7 +60,10 @@ class Spread:
 
     @staticmethod
     def fit(error: Numbers, acceleration: Numbers, moving: Bool[np.ndarray, " moment"]) -> Spread:
-        """Return the most likely spread of accelerations less their predictions, m/s²."""
+        """Return the most likely scales, degrees of freedom and share of those who stay.
+
+        `error` are accelerations less their predictions, m/s².
+        """
         free_standing, scale, stays = _fit(error[~moving], acceleration[~moving], True)
         free_moving, faster, _ = _fit(error[moving], acceleration[moving], False)
         return Spread((free_standing, free_moving), (scale, faster), stays)
@@ -146,7 +149,10 @@ class Fitted(NamedTuple):
 
 
 def residuals(idm: following.Parameters, situations: Situations) -> Numbers:
-    """Return observed less the IDM's acceleration of each driver's moment before; 0 without one."""
+    """Return observed less the IDM's acceleration of each driver's moment before; 0 without one.
+
+    All earlier moments of the drivers must be among the situations.
+    """
     off, before = situations.acceleration - next_second(idm, situations), situations.previous()
     return np.where(before >= 0, off[before], 0.0)
 
@@ -154,7 +160,10 @@ def residuals(idm: following.Parameters, situations: Situations) -> Numbers:
 def rollout(
     fitted: Fitted, idm: following.Parameters, situations: Situations, residual: Numbers
 ) -> Numbers:
-    """Return the distances after `HORIZON` s, m, of a model's accelerations among steady others."""
+    """Return the distances after `HORIZON` s of a model's mean accelerations, m.
+
+    All others keep their speeds. `residual` are the last residuals of the IDM `idm`.
+    """
     total, moments = np.zeros(len(situations)), situations
     for _ in range(HORIZON):
         rate = fitted.forecast(moments, residual).mean

@@ -59,7 +59,10 @@ class Held(NamedTuple):
 
 
 def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
-    """Return a row for each subset, part and model; the interval is by chain, None of one chain."""
+    """Return a row for each subset, part and model, with intervals from resampled chains.
+
+    An interval of one chain is None.
+    """
     rows: list[Row] = []
     for subset in SUBSETS:
         for half in PARTS:

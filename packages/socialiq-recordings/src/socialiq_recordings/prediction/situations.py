@@ -33,7 +33,10 @@ HORIZON = 3  # s after a moment to which the position is predicted
 
 @dataclass(frozen=True, eq=False)
 class Situations:
-    """Situations, a row for each moment of a vehicle; no vehicle: infinite distance, speed 0."""
+    """Situations, a row for each moment of a vehicle.
+
+    A distance is infinite, and its speed 0, where there is no such vehicle.
+    """
 
     recording: Int64[np.ndarray, " moment"]  # index of the recording
     vehicle: Int64[np.ndarray, " moment"]  # number of the vehicle over all recordings
@@ -87,7 +90,10 @@ class Situations:
         return Situations(*(getattr(self, field.name)[mask] for field in fields(self)))
 
     def advanced(self, acceleration: Float64[np.ndarray, " moment"]) -> Situations:
-        """Return the situations a second later, by accelerations in m/s² and steady others."""
+        """Return the situations a second later, all others at their speeds.
+
+        `acceleration` is that of each driver, m/s²; one that comes to a stand stays.
+        """
         driven, speed = ballistic(self.speed, acceleration, 1.0)
         return replace(
             self,
@@ -132,7 +138,10 @@ class Situations:
 
 
 def grouped(group: Int64[np.ndarray, " moment"], folds: int) -> Int64[np.ndarray, " moment"]:
-    """Return the part of each moment; the largest group left goes, whole, to the smallest part."""
+    """Return the part of each moment, of at most so many; groups stay whole.
+
+    The largest group left goes to the part that is the smallest so far.
+    """
     number, sizes = np.unique(group, return_inverse=True, return_counts=True)[1:]
     filled = np.zeros(min(folds, len(sizes)))
     part_of = np.zeros(len(sizes), np.int64)
@@ -197,7 +206,10 @@ def situations_of(
 
 
 def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
-    """Return the time of each recording's frame 0 on one clock, s; `_APART` without any."""
+    """Return the time of each recording's frame 0 on one clock, s.
+
+    Recordings with moments in common show them at one time; others are `_APART`.
+    """
     count = len(identified.names)
     clocks = np.full(count, np.nan)
     beside: dict[int, list[tuple[int, float]]] = {number: [] for number in range(count)}

@@ -64,7 +64,11 @@ def possible(situations: Situations) -> tuple[Holdout, ...]:
 
 
 def folds(situations: Situations, holdout: Holdout) -> list[Fold]:
-    """Return the folds of all moments; `UserError` says what is missing if they are too few."""
+    """Return the folds of all moments.
+
+    Raises:
+        UserError: If there are too few; the line says what is missing.
+    """
     one_of("holdout", holdout, HOLDOUTS)
     sites = np.unique(situations.site)
     if holdout == "sites" and len(sites) < 2:

@@ -120,7 +120,11 @@ def _table(path: Path, most_states: int) -> dict[str, np.ndarray]:
 
 
 def read_map(path: Path) -> RoadNetwork:
-    """Read the lane segments of vehicles and buses of a map; `UserError` if most can't be read."""
+    """Read the lane segments of vehicles and buses of a scenario's map.
+
+    Raises:
+        UserError: If it or most segments can't be read; the line has the first one's number.
+    """
     content = read_json(path)
     segments = content.get("lane_segments") if isinstance(content, dict) else None
     if not isinstance(segments, dict):

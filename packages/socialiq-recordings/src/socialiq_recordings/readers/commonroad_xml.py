@@ -102,7 +102,11 @@ def read(path: Path, consumer: Consumer) -> str:
 
 
 def whole_number(text: str) -> int:
-    """Return a whole number of at most 64 bits; `ValueError` for any other text."""
+    """Return a whole number of at most 64 bits.
+
+    Raises:
+        ValueError: If the text is none, or the number is larger.
+    """
     if not re.fullmatch(r"\s*[+-]?\d{1,1000}\s*", text, re.ASCII):
         raise ValueError(f"'{one_line(text, 20)}' is not a whole number")
     number = int(text)

@@ -108,7 +108,11 @@ class Table:
         self.drop({int(row_now[row]): fault for row, fault in self._bad.items()})
 
     def drop(self, faults: Mapping[int, str]) -> np.ndarray:
-        """Drop rows, by the fault of each; return those that stay; `UserError` if most would go."""
+        """Drop rows, by the fault of each; return whether each row stays.
+
+        Raises:
+            UserError: If they are more than half; the line has the first.
+        """
         stays = np.ones(self.n_rows, bool)
         for row, fault in faults.items():
             fault = f"{self.row_name(row)}{fault}"
@@ -317,7 +321,10 @@ def recordings_of(
 
 
 def frames_of(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
-    """Return the numbers of frames, by the time if the file has none; rows that fit no frame go."""
+    """Return the numbers of frames, derived from the time if the file has none.
+
+    Rows without a time, and those whose time fits no frame, are dropped.
+    """
     if "time" in table:
         bad = np.flatnonzero(~np.isfinite(table["time"])).tolist()
         table.drop(dict.fromkeys(bad, "no time"))

@@ -31,7 +31,10 @@ User = tuple[int, float, float]  # class, length and width of a road user, m
 def check_frames(
     frames: Int[np.ndarray, " state"] | Sequence[int], row: Callable[[int], str] = lambda _: ""
 ) -> None:
-    """Raise a `ValueError` that names the row if a track's frames don't increase by one."""
+    """Raise a `ValueError` unless a track's frames increase by one, within 31 bits.
+
+    The line begins with the name of the first such row.
+    """
     steps = np.diff(np.asarray(frames, np.int64))
     if not (steps == 1).all():
         index = int(np.argmax(steps != 1))
@@ -167,7 +170,10 @@ def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
 
 
 def heading_of_motion(vx: Column, vy: Column) -> Column | None:
-    """Return the direction of travel, rad, kept below `STILL`; None if the track never moves."""
+    """Return the direction of travel, rad in (-π, π]; None if the track never moves.
+
+    Below `STILL`, it is that of the last faster state; before a track first moves, its first.
+    """
     moving = np.flatnonzero(np.hypot(vx, vy) >= STILL)
     if not len(moving):
         return None
@@ -178,7 +184,11 @@ def heading_of_motion(vx: Column, vy: Column) -> Column | None:
 def directions(
     road: RoadNetwork, states: Sequence[Float64[np.ndarray, "5 state"]]
 ) -> Callable[[float, float], float | None]:
-    """Return a function of a place: the direction of the lane, or of motion, there, rad or None."""
+    """Return a function of a place, m, that returns the direction of the lane there, rad.
+
+    Without a road it is that of the vehicles that moved there, by their states; None if nothing is
+    near.
+    """
     lines = [every_step(lanelet.centre) for lanelet in road.lanelets.values()]
     reach = _LANE if lines else _PASSED
     lines = lines or [rows[:3, np.hypot(rows[3], rows[4]) >= _MOVING].T for rows in states]

@@ -72,7 +72,10 @@ class Polyline:
 
     @cached_property
     def segments(self) -> Float64[np.ndarray, "8 piece"]:
-        """Of each segment: x, y, unit vector, bounds along it (open ends), heading, start."""
+        """Of each segment: start x and y, unit vector, bounds of coordinates on it, heading, start.
+
+        The first and the last go on straight beyond the line.
+        """
         unit, low, high = self.steps / self.lengths[:, None], 0 * self.lengths, self.lengths.copy()
         low[0], high[-1] = -np.inf, np.inf
         heading = np.arctan2(unit[:, 1], unit[:, 0])

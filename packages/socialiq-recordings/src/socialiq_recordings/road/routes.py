@@ -80,7 +80,10 @@ class Matcher:
         return self._paths[number]
 
     def match(self, tracks: Tracks, number: int) -> Matched:
-        """Find the lanelets of one track by the simulator's misfit (`closest_lane`)."""
+        """Find the lanelets of one track.
+
+        The misfit of a lanelet is that of the simulator (`core.geometry.closest_lane`): m and rad.
+        """
         rows = slice(*tracks.starts[number : number + 2])
         place = tracks.x[rows], tracks.y[rows], tracks.heading[rows]
         reach = _NEAR
@@ -195,7 +198,10 @@ class Matcher:
         return bool(onwards)
 
     def section(self, lanelets: list[int], least: float = 0.0) -> Polyline | Arc | None:
-        """Return the line along lanelets, at least `least` m long if the road continues."""
+        """Return the line along consecutive lanelets, without parallel lanes.
+
+        A line shorter than `least`, m, is continued beyond them, if the road continues.
+        """
         route: list[int] = []
         for number in lanelets:
             if not route or number in self._next(route[-1]):

@@ -23,7 +23,10 @@ def driver_log_likelihood(
     driver: Int64[np.ndarray, " decision"],
     drivers: int,
 ) -> Likelihood:
-    """Return the sum over each driver's decisions of log p(a | s); 0 without a decision."""
+    """Return the sum over each driver's decisions of log p(a | s); 0 without a decision.
+
+    `driver` is the number of each decision's driver, below the number of drivers.
+    """
     order = np.argsort(driver, kind="stable")
     total = np.zeros((drivers, *of_decision.shape[1:]))
     if len(order):
@@ -67,14 +70,20 @@ class Population(NamedTuple):
 def population_posterior(
     log_marginals: Marginals, trait: Trait, counts: Float[np.ndarray, " driver"] | None = None
 ) -> Population:
-    """Return the posterior of shared number, mean and spread; a driver counts `counts` times."""
+    """Return the posterior of shared number, mean and spread, under an even prior on the grid.
+
+    `counts` says how often each driver counts: once by default; 0 leaves it out.
+    """
     weight = np.ones(len(log_marginals)) if counts is None else counts
     total = np.tensordot(weight, log_marginals, 1)
     return Population(trait, softmax(total))
 
 
 def driver_posteriors(log_likelihood: Likelihood, population: Population) -> Likelihood:
-    """Return each driver's posterior of trait and shared number, by a population of others."""
+    """Return each driver's posterior of its trait, jointly with the shared number.
+
+    The population must come from other drivers: otherwise their own evidence would count twice.
+    """
     prior = population.driver_prior
     weight = prior * np.exp(log_likelihood - log_likelihood.max(axis=(1, 2), keepdims=True))
     return weight / weight.sum(axis=(1, 2), keepdims=True)
@@ -92,7 +101,10 @@ class Inference(NamedTuple):
     def left(
         self, least: float
     ) -> tuple[Bool[np.ndarray, " shared"], Bool[np.ndarray, " value"], Bool[np.ndarray, " hyper"]]:
-        """Whether any population leaves a point `least` of the likeliest one's probability."""
+        """Whether any population leaves each shared number, value and place of the population.
+
+        It leaves a point whose probability is `least` times that of the likeliest one, or more.
+        """
         populations = (self.population, *self.others)
 
         def any_leaves(chances: list[np.ndarray]) -> Bool[np.ndarray, " point"]:
@@ -108,7 +120,10 @@ class Inference(NamedTuple):
 def infer(
     log_likelihood: Likelihood, chain: Int64[np.ndarray, " driver"], trait: Trait
 ) -> Inference:
-    """Infer a trait of all drivers, each from a population without its own chain (`FOLDS`)."""
+    """Infer a trait of all drivers; nothing of a driver's own chain is in its population.
+
+    Up to `FOLDS` chains, numbered from 0, are folds of their own.
+    """
     marginals, fold = log_marginal(log_likelihood, trait), chain % FOLDS
     without = tuple(
         population_posterior(marginals, trait, (fold != number).astype(np.float64))

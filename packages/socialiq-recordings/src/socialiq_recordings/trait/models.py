@@ -52,7 +52,11 @@ class Sample(NamedTuple):
 
 
 def sample_of(table: ChoiceTable) -> Sample:
-    """Return the decisions in conflict of drivers with some in each half; else `UserError`."""
+    """Return the decisions in conflict of the drivers that have some in either half.
+
+    Raises:
+        UserError: If there is no such driver.
+    """
     table = table.rows(table.conflict)
     first, second = (np.unique(table.driver[table.half == half]) for half in (0, 1))
     with_both = np.intersect1d(first, second)

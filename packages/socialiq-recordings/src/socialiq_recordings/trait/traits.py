@@ -72,7 +72,11 @@ class Trait(NamedTuple):
         value: Bool[np.ndarray, " value"],
         spread: Bool[np.ndarray, " hyper"],
     ) -> Trait | None:
-        """Return the trait on finer grids where the data leave any; None if that is everywhere."""
+        """Return the trait on finer grids, as many points over the part that the data leave.
+
+        `spread` says of which populations they leave the spread. None if nothing is left out, or
+        the grids are fixed.
+        """
         if self.rule is None:
             return None
         spreads = np.unique(self.spread)

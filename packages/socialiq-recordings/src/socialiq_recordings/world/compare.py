@@ -82,7 +82,10 @@ def _simulated(
 def run(
     world: RecordedWorld, recording: int, steps: int, seed: int
 ) -> Float64[np.ndarray, "step vehicle 2"]:
-    """Return coordinates and speeds of simulated vehicles by sub-step; NaN: not there."""
+    """Return coordinates and speeds of a recording's vehicles, all simulated; NaN: not there.
+
+    Sub-steps count from the recording's first frame; `seed` is that of the drivers.
+    """
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
 
@@ -133,9 +136,10 @@ def _moved(
 
 
 def table(recorded: Observed, simulated: Observed) -> list[Row]:
-    """Return quartiles of each quantity, recorded and simulated, and their largest distance.
+    """Return quartiles of each quantity, recorded and simulated, and their distance.
 
-    The moments of one vehicle are not independent, so the distance has no p-value.
+    The distance is that of Kolmogorov and Smirnov, the largest difference of the distribution
+    functions; moments of one vehicle are not independent, so that it has no p-value here.
     """
     rows: list[Row] = []
     for name in QUANTITIES:

@@ -117,7 +117,10 @@ def enter(road, traffic, row, base, count):
 
 @inlined_kernel
 def sub_step(road, traffic, row, base, count, level, fastest):
-    """Advance by a sub-step; the ego accelerates by `level`, m/s², or as a driver if it is NaN."""
+    """Advance by a sub-step; vehicles at the end of their ways leave the road, the ego stays.
+
+    `level` is the ego's acceleration, m/s²; NaN: it drives as a driver of the population.
+    """
     now = traffic.step[row] * DT
     for slot in range(traffic.n_present[row]):
         vehicle = traffic.present[row, slot]

@@ -198,7 +198,11 @@ class RecordedJunctionEnv(RoadEnv):
 
 
 def load_world(file: str | Path) -> RecordedWorld:
-    """Read a world, once for a file that doesn't change; `UserError` if it is none."""
+    """Read a world, once for a file that doesn't change.
+
+    Raises:
+        UserError: If no file is named, or it is no world.
+    """
     if not str(file):
         raise UserError("name the world: file=W, a file of `socialiq data world`")
     path = Path(file).absolute()

@@ -62,7 +62,11 @@ def speed_limits(line: Line, lateral: float) -> Float64[np.ndarray, " point"]:
 
 
 def states_of(way: Way, first_frame: int) -> tuple[int, Float64[np.ndarray, "step 2"]]:
-    """Return a way's sub-step, from the first frame, and its coordinates, m, and speeds, m/s."""
+    """Return a way's states at the sub-steps of the simulator, interpolated between frames.
+
+    These are the sub-step of the first state, from the recording's first frame, and coordinates in
+    m and speeds in m/s.
+    """
     times = (np.arange(way.first, way.last + 1) - first_frame) * way.dt
     first = int(np.ceil(times[0] * SUB_STEPS - 1e-6))
     last = max(int(np.floor(times[-1] * SUB_STEPS + 1e-6)), first)
@@ -157,7 +161,10 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
 
 
 def on_way_of(way: Way, closures: list[Closure]) -> list[tuple[float, float, float]]:
-    """Return the closures on a way in its order: coordinate of the line, m, begin and end, s."""
+    """Return the closures that a vehicle on a way meets, the nearest to its start first.
+
+    Each is the coordinate of the line on the way in m, and its begin and end in s.
+    """
     if not closures:
         return []
     x, y, heading = np.array(closures)[:, :3].T

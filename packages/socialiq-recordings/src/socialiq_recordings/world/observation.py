@@ -64,7 +64,10 @@ def _write(row, along, left, turned, speed):
 
 @inlined_kernel
 def observe(road, traffic, row, base, count, observation):
-    """Write the ego, the closed line ahead, then the others: ways that meet first, by distance."""
+    """Write the ego, the closed line ahead as a standing vehicle, then the others.
+
+    The others are ordered by distance, those first whose ways meet the ego's or lie in it.
+    """
     observation[:] = 0.0
     ego, now = traffic.ego[row], traffic.step[row] * DT
     vehicle, ego_along = base + ego, traffic.along[row, ego]
@@ -108,7 +111,10 @@ def observe(road, traffic, row, base, count, observation):
 
 @kernel
 def overlap(road, vehicle, along, second, second_along, slack):
-    """Whether two vehicles, narrowed by `slack`, m, overlap, and how each comes nearer, m·m/s."""
+    """Whether two vehicles overlap, and how fast each comes nearer to the other's middle, times m.
+
+    They are smaller by `slack`, m, than recorded.
+    """
     x, y, angle = place_of(road.line_first, road.line, vehicle, along)
     ox, oy, turned = place_of(road.line_first, road.line, second, second_along)
     length = max(road.length[vehicle] - slack, 0.1) / 2

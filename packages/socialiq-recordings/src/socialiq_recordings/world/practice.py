@@ -112,7 +112,10 @@ def record(
     share: float,
     first_seed: int,
 ) -> Demonstrations:
-    """Record policies, a mode for each name; a share of the decisions is drawn at random."""
+    """Record policies, a mode for each name, each on so many episodes of its own.
+
+    A share of the decisions is drawn at random, from one stream for all episodes of a policy.
+    """
     tables = []
     for number, (name, policy) in enumerate(drivers.items()):
         seeds = np.arange(episodes) + first_seed + number * episodes
@@ -154,7 +157,11 @@ class Visited(NamedTuple):
 
 
 def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"]) -> Visited:
-    """Drive a batch of episodes, and in each state try each action in a copy, up to the end."""
+    """Drive an episode for each seed, in a batch of as many, and branch in every state.
+
+    Each action is taken in a copy of the episode, which meets the same traffic, and the policy is
+    followed to the end.
+    """
     batch.reset(seeds)
     running, visited = np.ones(batch.size, bool), []
     while running.any():

@@ -118,7 +118,11 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class RecordedWorld(RoadWorld):
-    """World of recorded junctions; its rules are a calibrated driver, always faster and slower."""
+    """World of recorded junctions.
+
+    Its rule-based drivers are a driver of the calibrated population, which knows the ways of the
+    others and the closed lines that policies see in part; always faster; and always slower.
+    """
 
     road: Road  # its arrays
     config: WorldConfig  # options of its decisions and rewards
@@ -180,7 +184,11 @@ class RecordedWorld(RoadWorld):
         return JunctionBatch(self, size, threads)
 
     def save(self, path: Path, replace: bool = False) -> str:
-        """Write the world to one file, whole or not at all; return the SHA-256 of the content."""
+        """Write the world to one file, whole or not at all; return the SHA-256 of the content.
+
+        Raises:
+            UserError: If the file can't be written.
+        """
         header: dict[str, Any] = {"config": dataclasses.asdict(self.config)}
         header |= {"max_speed": self.max_speed, "provenance": self.provenance}
         arrays = self.road._asdict()
@@ -188,7 +196,11 @@ class RecordedWorld(RoadWorld):
 
     @staticmethod
     def load(path: Path) -> RecordedWorld:
-        """Read a world written by `save`; `UserError` unless its parts agree."""
+        """Read a world written by `save`, checking that its parts agree.
+
+        Raises:
+            UserError: If the file is missing, damaged, or holds something else.
+        """
         arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
         for fault in _faults(arrays, header):
             raise UserError(f"{path} {fault}: make the world again with `socialiq data world`")

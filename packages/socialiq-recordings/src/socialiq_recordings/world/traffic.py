@@ -93,7 +93,10 @@ def limit_at(line_first, line, vehicle, along):
 
 @kernel
 def ahead_of(stretch_first, stretch, pair, along, position):
-    """Return where another, `along` its way, is ahead on one's own way, m; -infinity if nowhere."""
+    """Return where another at `along` on its way is on one's own way, m.
+
+    Minus infinity if it isn't there ahead of one's `position`. `pair` has oneself first.
+    """
     for number in range(stretch_first[pair], stretch_first[pair + 1]):
         begin, end = stretch[number, 0], stretch[number, 1]
         if begin <= along <= end:
@@ -106,7 +109,10 @@ def ahead_of(stretch_first, stretch, pair, along, position):
 
 @kernel
 def closed_line(closed_first, closed, vehicle, front, now):
-    """Return the next line closed to a vehicle with its front at `front`, m; infinity if none."""
+    """Return the coordinate of the next line that is closed to a vehicle, m; infinity if none is.
+
+    `front` is the coordinate of its front, m, `now` the time from the recording's first frame, s.
+    """
     for number in range(closed_first[vehicle], closed_first[vehicle + 1]):
         if closed[number, 0] > front and closed[number, 1] <= now < closed[number, 2]:
             return closed[number, 0]
@@ -142,7 +148,10 @@ def waits(gap, through, speed, strongest, desired, margin, their_gap, their_thro
 
 @inlined_kernel
 def drive(road, traffic, row, base, count, vehicle, now):
-    """Return a driver's acceleration, m/s², at `now`, s, and write what is ahead to `barrier`."""
+    """Return a driver's acceleration, m/s², and write what is ahead of it to `barrier`.
+
+    `now` is the time from the recording's first frame, s.
+    """
     along, speed = traffic.along[row, vehicle], traffic.speed[row, vehicle]
     headway, jam = traffic.driver[row, vehicle, _T], traffic.driver[row, vehicle, _S0]
     strongest, comfort = traffic.driver[row, vehicle, _A], traffic.driver[row, vehicle, _B]

@@ -114,7 +114,10 @@ def help_page(group: str = "") -> str:
 
 
 def every_command() -> Any:
-    """Return a type for the parser with all commands, for completion; imports every module."""
+    """Return one type for the parser that holds all commands, for shell completion.
+
+    It imports every module. A command with words below it (`audit verify`) gets a field for them.
+    """
     import tyro
 
     def together(first: str) -> Any:

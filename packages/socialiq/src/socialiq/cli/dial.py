@@ -128,7 +128,10 @@ class Dial(Printing):
         return rows, means | _backward(evaluated), evaluated
 
     def rolled(self, dial: DialPolicy | ActorDial) -> tuple[list[Row], Row, Sweep]:
-        """Return rows, summary and evaluation on a road, driven at every row's angle."""
+        """Return rows, summary and evaluation on a road, driven at every row's angle.
+
+        The radius of a mixture is that of the episodes that select it.
+        """
         check_seed(self.seed)
         world = drivers.road_named(self.world)
         drivers.refuse_misfit(str(self.policy), dial, world)

@@ -263,7 +263,11 @@ def _play_in_environment(
 
 
 def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dict[str, Any]:
-    """Return the means over policies of common numbers; the angle, if all targets are equal."""
+    """Return the means over policies of common numbers.
+
+    The angle is that of the mean totals, if all targets, in degrees, are known and equal. Otherwise
+    it would describe none of the policies, and `angle_not_pooled` says why there is none.
+    """
     names = [name for name in rows[0] if all(isinstance(row.get(name), float) for row in rows)]
     # Intervals belong to one policy's episodes: they can't be averaged.
     names = [name for name in names if not name.endswith(("_low", "_high"))]

@@ -21,7 +21,10 @@ ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 
 
 def evaluate_data(command: Any, policies: Sequence[str], data: Path) -> int:
-    """Evaluate policies on a file of demonstrations, print, and say what it can't support."""
+    """Evaluate policies of a command on a file of demonstrations, and print.
+
+    What the data can't support is said on standard error.
+    """
     logged = Logged.of(files.load(data))
     evaluator = Evaluator(logged, resamples=200, seed=command.seed)
     estimates = {spec: _rows(evaluator, spec, command) for spec in policies}

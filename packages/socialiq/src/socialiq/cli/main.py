@@ -66,7 +66,10 @@ def _run(arguments: list[str] | None) -> int:
 
 @contextlib.contextmanager
 def ctrl_c_until_heard() -> Iterator[None]:
-    """Raise `KeyboardInterrupt` again in the block if a bare `except:` of a library drops it."""
+    """Raise `KeyboardInterrupt` again if a library drops it, until the block has ended.
+
+    JAX has bare `except:` clauses, and Python drops what a callback of its collector raises.
+    """
     before = signal.getsignal(signal.SIGINT)
     main_thread = threading.main_thread()
     if threading.current_thread() is not main_thread or before is not signal.default_int_handler:

@@ -24,7 +24,10 @@ _WIDE = 60  # columns of a terminal that has room for counts and units
 
 
 class Printing:
-    """Base of commands that print a result: tables, or one JSON object with `--json`."""
+    """Base of commands that print a result: tables, or one JSON object with --json.
+
+    `--json` is an option of the program, which the command line takes out before a command's own.
+    """
 
     json = False
 

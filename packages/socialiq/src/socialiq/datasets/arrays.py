@@ -30,7 +30,10 @@ class Bounds(NamedTuple):
 
     @staticmethod
     def of(low: Sequence[float], high: Sequence[float]) -> Bounds | None:
-        """Return bounds, as many finite numbers below as above, checked; None without both ends."""
+        """Return checked bounds; None if neither end is given.
+
+        Both need as many finite numbers, each lower one below its upper one.
+        """
         if not len(low) and not len(high):
             return None
         lower, upper = (np.asarray(ends, np.float64) for ends in (low, high))
@@ -51,7 +54,10 @@ class Bounds(NamedTuple):
         return {"low": list(self.low), "high": list(self.high)}
 
     def scaled(self, actions: Float[np.ndarray, "row size"]) -> Float[np.ndarray, "row size"]:
-        """Return actions in [-1, 1], rounding errors at an end removed; others are refused."""
+        """Return actions in [-1, 1]; what is beyond an end by rounding is moved to it.
+
+        An action of another size or outside is refused; the line names the first row.
+        """
         if len(self.low) not in (1, actions.shape[1]):
             raise UserError(
                 f"actions have {actions.shape[1]} numbers and {len(self.low)} bounds: give one "

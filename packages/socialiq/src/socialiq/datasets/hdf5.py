@@ -128,7 +128,11 @@ OURS = "infos/socialiq"
 
 
 def read_d4rl(path: Path, key: str) -> tuple[dict[str, Any], bytes | None]:
-    """Return the arrays of `arrays.of_steps` in D4RL's layout, and the header at `key` or None."""
+    """Read the arrays of `arrays.of_steps` from a file in D4RL's layout.
+
+    Returns:
+        The arrays by their names there, and the header at the attribute `key` or None.
+    """
     with Reader(path) as reader:
         required = (*list(NAMES.values())[:3], REWARD)
         missing = [name for name in required if not reader.has(name)]
@@ -150,7 +154,10 @@ def read_d4rl(path: Path, key: str) -> tuple[dict[str, Any], bytes | None]:
 
 
 def d4rl_of(table: Demonstrations, key: str, header: bytes) -> bytes:
-    """Return a table in D4RL's layout, its reward r_env, with a header at the attribute `key`."""
+    """Return a table as a file in D4RL's layout, with a header at the attribute `key`.
+
+    Its one reward is r_env.
+    """
     h5py, content = library("HDF5 files"), io.BytesIO()
     columns = table.arrays()
     with h5py.File(content, "w") as file:

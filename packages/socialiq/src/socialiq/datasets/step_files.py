@@ -82,7 +82,11 @@ def read_steps(
 
 
 def write_steps(path: str | Path, table: Demonstrations, replace: bool = True) -> None:
-    """Write every column of a table to the bit; CSV has no names of modes and no source."""
+    """Write every column of a table, so that `read_steps` gives it back to the bit.
+
+    A CSV file has no place for the names of the modes, the number of actions and the source; the
+    other formats keep them.
+    """
     path = path_of(path)
     kind = format_of(path)
     header = json.dumps({**files.header_of(table), "sha256": files.sha256_of(table)}).encode()

@@ -93,7 +93,11 @@ class Layout(NamedTuple):
             )
 
     def arrays_of(self, columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.ndarray]:
-        """Return the arrays of one-dimensional columns of `source`; `UserError` if one is wrong."""
+        """Return arrays by name, with vectors and the reward pair in one array each.
+
+        The columns of the file `source` are one-dimensional. A wrong header is refused, and a
+        number that is not finite, with its column and row.
+        """
         self.check_names(list(columns), source)
         for name, column in columns.items():
             if column.dtype.kind == "f" and not (finite := np.isfinite(column)).all():
@@ -228,7 +232,10 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
 
 
 def csv_of(columns: Mapping[str, np.ndarray]) -> bytes:
-    """Return columns as the text of a CSV file; a float32 is written as its exact float64."""
+    """Return columns of equal length as the text of a CSV file.
+
+    A float32 is written as the float64 of the same value, whose shortest text names it exactly.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)

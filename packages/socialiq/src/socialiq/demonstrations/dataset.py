@@ -215,7 +215,10 @@ class Demonstrations:
         return RewardPair(*(np.add.reduceat(r, starts) for r in self.rewards))
 
     def select(self, episodes: Shaped[np.ndarray, " chosen"]) -> Demonstrations:
-        """Keep the given episodes, renumbered, in this order, with repeats; `source` stays."""
+        """Keep the given episodes, renumbered, in the order given; repeats are allowed.
+
+        `source` stays as it is: the provenance of the episodes.
+        """
         if not np.issubdtype(episodes.dtype, np.integer) or len(episodes) == 0:
             raise UserError("select needs the numbers of at least one episode, as integers")
         unknown = (episodes < 0) | (episodes >= self.n_episodes)

@@ -14,7 +14,11 @@ CONTINUOUS_VERSION = 2
 
 
 def save(path: str | Path, demonstrations: Demonstrations, replace: bool = True) -> str:
-    """Write a table to one file, whole or not at all; return the SHA-256 of the content."""
+    """Write a table to one file, in a folder that exists, whole or not at all.
+
+    Returns:
+        The SHA-256 of the content, the same for every table of the same content.
+    """
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
     return storage.save_arrays(path, KIND, _version(demonstrations), arrays, header, replace)
 
@@ -39,7 +43,10 @@ def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
 
 
 def load(path: str | Path, continuous: bool = False) -> Demonstrations:
-    """Read a table, its bytes and every column checked; with continuous actions if `continuous`."""
+    """Read a table, checking the file's bytes and then every column.
+
+    Tables with continuous actions are read if `continuous`; an error names the file.
+    """
     arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, CONTINUOUS_VERSION))
     if header["version"] == CONTINUOUS_VERSION and not continuous:
         raise UserError(

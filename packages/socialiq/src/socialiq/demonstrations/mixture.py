@@ -123,7 +123,11 @@ def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:
 
 
 def apportion(weights: Mapping[str, float], total: int) -> dict[str, int]:
-    """Divide a whole number by weights, by largest remainders; of equal ones the earlier name's."""
+    """Divide a whole number by weights, by the method of largest remainders.
+
+    Each count is its exact share rounded down or up, and the counts sum to `total`. Of equal
+    remainders the earlier name is rounded up.
+    """
     _at_least_one("episodes", total)
     values = np.array(list(weights.values()), np.float64)
     if not np.isfinite(values.sum()) or (values < 0).any() or values.sum() <= 0:

@@ -19,7 +19,11 @@ from socialiq.types import Ending, RewardPair
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A map of a world onto itself that is its own inverse, as a mirror's is (else `UserError`)."""
+    """A map of a world onto itself that is its own inverse, as a mirror's is.
+
+    Raises:
+        UserError: If the map applied twice would not give back what it was applied to.
+    """
 
     signs: tuple[int, ...]  # of each feature of the image: 1, or -1 where it changes sign
     actions: tuple[int, ...]  # of each action, the action of the image

@@ -114,7 +114,10 @@ _MOST = 16_000_000  # bytes of its file
 
 
 class Point(NamedTuple):
-    """Means of episodes at an angle in degrees; of progress and effect also a 95 % interval."""
+    """A point of a trade-off curve, at the angle that the dial was asked for, in degrees.
+
+    Own progress and effect on others are means of episodes with a 95 % interval: mean, low, high.
+    """
 
     asked: float
     env: tuple[float, float, float]
@@ -214,7 +217,10 @@ def own_dial(path: Path) -> PageDial:
 
 
 def measured(dial: DialPolicy, low: int, high: int, episodes: int = EPISODES) -> tuple[Point, ...]:
-    """Return a dial's trade-off curve at both ends and every five degrees, greedy, seeds 1 ff."""
+    """Return a dial's trade-off curve by greedy episodes of the intersection, seeds 1 ff.
+
+    It has the first and the last angle, whole degrees, and the multiples of five between them.
+    """
     inner = range(-(-low // _EVERY) * _EVERY, high + 1, _EVERY)
     angles = [float(angle) for angle in sorted({low, *inner, high})]
     batch = Batch(Options(), min(episodes, 500))

@@ -23,7 +23,10 @@ _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", r
 
 
 def program(start: str = START, folder: Path = ASSETS) -> str:
-    """Return a script with every script of its folder that it needs, in their order."""
+    """Return a program: a script of a folder with every script that it needs, in their order.
+
+    Scripts of several folders have different names, here without `.js`.
+    """
     sources: dict[str, str] = {}
 
     def add(path: Path) -> None:
@@ -94,7 +97,10 @@ def framed(header: str, body: str, blocks: Mapping[str, str]) -> str:
 
 
 def policy(script: str, style: str, connect: str = "") -> str:
-    """Return a content security policy: one program and its worker, one style, one source."""
+    """Return a content security policy that allows one program with its worker, and one style.
+
+    The program may compile WebAssembly, and connect to the sources; there are none by default.
+    """
     rules = [
         "default-src 'none'",
         f"script-src {source_hash(script)} 'wasm-unsafe-eval'",

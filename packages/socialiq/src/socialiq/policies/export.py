@@ -289,7 +289,10 @@ def state_dict(policy: Exported) -> dict[str, np.ndarray]:
 
 
 def to_safetensors(policy: Exported) -> bytes:
-    """Return `state_dict` as a safetensors file; its metadata: activation, view, provenance."""
+    """Return `state_dict` as a plain safetensors file, for `safetensors.torch.load_file`.
+
+    Its metadata hold the activation, the view and the provenance, as JSON.
+    """
     _, header = policy.content()
     metadata = {"format": "pt", "policy_sha256": policy.sha256, "policy": json.dumps(header)}
     return safetensors.numpy.save(state_dict(policy), metadata=metadata)

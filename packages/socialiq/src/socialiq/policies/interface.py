@@ -55,7 +55,10 @@ class Interface(NamedTuple):
         return f"one of {self.n_actions} actions"
 
     def checked(self, answer: Any, rows: int, source: str) -> np.ndarray:
-        """Return a policy's answer, if it is int64 (rows,), or float32 (rows, action_size)."""
+        """Return a policy's answer as actions: int64 (rows,), or float32 (rows, action_size).
+
+        Any other answer of the policy, called `source` in messages, is refused.
+        """
         shape, kinds, words = (rows,), "iu", "one integer"
         if self.action_size:
             shape, kinds, words = (rows, self.action_size), "fiu", _numbers(self.action_size)

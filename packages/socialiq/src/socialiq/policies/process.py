@@ -75,7 +75,10 @@ def limits_of(step_seconds: float, memory_gib: float) -> Limits:
 
 
 class Child:
-    """A running command with its caller's rights and `memory` bytes of address space (0: any)."""
+    """A running command, called `source` in messages. It has the rights of its caller.
+
+    Each process may have `memory` bytes of address space; 0 sets no limit.
+    """
 
     def __init__(self, command: Sequence[str], source: str, memory: int = 0) -> None:
         if os.name != "posix":

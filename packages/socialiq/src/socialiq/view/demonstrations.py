@@ -135,7 +135,10 @@ def demonstrations_view(path: Path) -> View:
 
 
 def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
-    """Return the seed of each episode by a file's provenance, or None if it does not say."""
+    """Return the seed of each episode by the provenance of a file, or None if it does not say.
+
+    It says `seeds`, or `first_seed` and `episodes`.
+    """
     seeds, first = source.get("seeds"), source.get("first_seed")
     if type(first) is int and source.get("episodes") == episodes:
         seeds = list(range(first, first + episodes))

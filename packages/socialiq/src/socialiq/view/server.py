@@ -104,7 +104,11 @@ class Front(NamedTuple):
 
 
 def front(view: View, socket_address: str) -> Front:
-    """Return the page that shows a view; `UserError` without the committed results."""
+    """Return the page that shows a view, whose texts may hold anything.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
     script = program("opened", OWN)
     style = (ASSETS / "style.css").read_text(encoding="utf-8") + _asset("opened.css")
     about = {"kind": view.kind, "count": view.count, **view.data}
@@ -134,7 +138,11 @@ BUSY = 4001
 
 
 def check_extra() -> None:
-    """Raise a `UserError` without the extra `web`."""
+    """Refuse to go on without the libraries of the server.
+
+    Raises:
+        UserError: If the extra `web` is not installed.
+    """
     starlette = ("applications", "responses", "routing")
     for name in (*(f"starlette.{module}" for module in starlette), "uvicorn", "websockets"):
         optional(name, "web", "view")
@@ -163,7 +171,10 @@ def bound(port: int) -> socket.socket:
 
 
 def application(view: View | None, port: int, token: str) -> App:
-    """Return the ASGI application that shows a view, or the page of the shipped dial alone."""
+    """Return the ASGI application that shows a view, or the page of the shipped dial alone.
+
+    It refuses what the page did not ask. It listens at the port, below the token in its address.
+    """
     applications = optional("starlette.applications", "web", "view")
     responses = optional("starlette.responses", "web", "view")
     routing = optional("starlette.routing", "web", "view")

@@ -17,7 +17,10 @@ jnp: Any = Later("jax.numpy")
 
 @dataclass(frozen=True)
 class Options:
-    """Options for what thesis 5.1.1 leaves open; the defaults give its three expert sequences."""
+    """Options for what thesis 5.1.1 leaves open, each with its default and the reason for it.
+
+    The defaults give the thesis' three expert sequences.
+    """
 
     # Event that ends an episode before its 20 steps. The thesis names only the cap. With
     # `ego_arrival` value iteration gives the published sequences GGGG, WGGGG and WWWWGGGG; with

@@ -62,7 +62,10 @@ class Table:
 
 
 def tabulate(world: GridWorld) -> Table:
-    """Run the rules on every state, action and chance outcome; rewards are weighted in float64."""
+    """Run the rules on every state, action and chance outcome.
+
+    Rewards are weighted in float64 from the signals, which are exact in float32.
+    """
     if not hasattr(world, "chance"):
         raise UserError(f"{type(world).__name__} is no gridworld: make one by make('crossing7')")
     states, outcome = world.states(), _outcomes(world)

@@ -236,7 +236,10 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the rows that `reset_mask` selects, row i with seed + i, or its own of a list."""
+        """Start episodes: row i with seed + i, or its own of a list; None continues the streams.
+
+        The option `reset_mask`, a Boolean for each row, selects the rows.
+        """
         mask = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"], bool)

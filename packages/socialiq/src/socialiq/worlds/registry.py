@@ -99,7 +99,11 @@ def open_world(name: str, **options: Any) -> World:
 
 
 def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
-    """Build a world of `NAMES`, with fields of its `Options`; `UserError` if one is unknown."""
+    """Build a world of `NAMES`, with fields of its `Options` as keyword arguments.
+
+    Raises:
+        UserError: If the world, an option or an option's value is unknown.
+    """
     one_of("world", name, NAMES)
     effects, options = _effects_of(name, options)
     chosen = parse_options(name, _kind(name), CONTINUOUS.get(name, {}) | options)
@@ -159,7 +163,11 @@ def continuous_options(name: str) -> ContinuousOptions:
 
 
 def parse_options(world: str, kind: type[Kind], values: Mapping[str, Any]) -> Kind:
-    """Return a world's options from values by field; `UserError` for one that doesn't exist."""
+    """Return a world's options, of a dataclass, from values by name of the field.
+
+    Raises:
+        UserError: If a field is unknown, or a value that its Literal type doesn't list.
+    """
     kinds = typing.get_type_hints(kind)
     fields = tuple(field.name for field in dataclasses.fields(kind))  # pyright: ignore[reportArgumentType]
     for option in values:

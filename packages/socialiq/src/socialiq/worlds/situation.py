@@ -175,7 +175,10 @@ def plain_features(world: str) -> int:
 def features_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
 ) -> dict[str, Rows]:
-    """Return the features that a rule reads of observations, and the time in decisions."""
+    """Return the features that a rule reads of observations of its world, without the time.
+
+    The time is decisions since the start of each row, if the rule reads it.
+    """
     values = np.asarray(observation, np.float64)
     if rule.world == "intersection":
         values = policies.in_metres(np.asarray(observation))
@@ -190,7 +193,10 @@ def features_of(
 def angles_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
 ) -> tuple[Rows, Int64[np.ndarray, " row"]]:
-    """Return a rule's angle in degrees, and the context's number, of each observation."""
+    """Return a rule's angle in degrees, and the number of the context, of each observation.
+
+    The arguments are those of `features_of`.
+    """
     features, rows = features_of(rule, observation, time), len(observation)
     return rule.degrees(features, rows), rule.context(features, rows)
 

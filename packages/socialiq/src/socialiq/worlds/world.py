@@ -63,7 +63,10 @@ class Simulator(Protocol):
 
 @runtime_checkable
 class Batch(Simulator, Protocol):
-    """Simulator whose state can be saved; an episode's random stream is its own."""
+    """Simulator whose state can be saved, restored and copied.
+
+    Every episode has its own random stream, so results don't depend on the batch's size.
+    """
 
     @property
     def time(self) -> Float32[np.ndarray, " batch"]:

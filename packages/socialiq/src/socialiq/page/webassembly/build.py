@@ -89,7 +89,10 @@ def intermediate() -> str:
 
 
 def compiled(code: str) -> bytes:
-    """Return the object file of LLVM code in WebAssembly's layout; its entry point is visible."""
+    """Return the object file of LLVM code, of which the entry point alone is visible outside.
+
+    WebAssembly's data layout takes the place of the machine's.
+    """
     import llvmlite.binding as llvm
 
     code = re.sub(r"^target (datalayout|triple).*$", "", code, flags=re.M)
@@ -128,7 +131,11 @@ _GENERATED = ("wasm-wasi-musl", "generic-musl")
 
 
 def linked(core: Path, target: Path) -> None:
-    """Write the WebAssembly file of an object file; `UserError` if the linker fails."""
+    """Write the WebAssembly file of an object file of `object_file`; it imports nothing.
+
+    Raises:
+        UserError: If the extra `page` isn't installed, or the linker fails.
+    """
     options = ["-target", "wasm32-freestanding", "-O", "ReleaseSmall", "-fno-entry", "-fstrip"]
     options += [f"--export={name}" for name in EXPORTS if name != "memory"]
     _zig(["build-exe", *options, str(core), str(_HERE / "runtime.zig")], target)

@@ -109,7 +109,11 @@ def _write_box(lane: np.ndarray) -> None:
 
 
 class Network:
-    """Roads between nodes in highway-env's order, which decides between equally close lanes."""
+    """Roads between nodes, each with lanes, in highway-env's order.
+
+    That order decides between equally close lanes: nodes by their first mention as a start, of
+    these the ends, of these the lanes.
+    """
 
     def __init__(self) -> None:
         self._graph: dict[str, dict[str, list[Lane]]] = {}
@@ -163,7 +167,10 @@ class Network:
         return table
 
     def routes(self, destinations: Sequence[str]) -> np.ndarray:
-        """Return the shortest way from each road to each node, roads, -1 beyond the last."""
+        """Return the shortest way from each road to each node, (roads, destinations, most).
+
+        It is of roads, the first among them, and -1 beyond the last.
+        """
         ways = [[self._way(road, node) for node in destinations] for road in self.roads]
         most = max((len(way) for row in ways for way in row), default=1)
         table = np.full((len(self.roads), max(len(destinations), 1), most), -1, np.int64)

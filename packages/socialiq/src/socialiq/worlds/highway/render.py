@@ -107,7 +107,10 @@ def traffic(axes: Any, scene: Scene, view: View) -> None:
 
 
 def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | None = None) -> Figure:
-    """Draw scenes as a row of pictures without rewards, five to a line, or one if they are wide."""
+    """Draw scenes as a row of pictures without rewards, five to a line, or one if they are wide.
+
+    By default the title of a picture is its time.
+    """
     ratio = view.frame(scenes[0], strip=True).ratio
     wide, most = (3.0, 5) if ratio > _LOW else (7.5, 1)
     columns = min(most, len(scenes))

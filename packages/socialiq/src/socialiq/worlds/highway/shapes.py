@@ -45,7 +45,10 @@ class Pose(NamedTuple):
 
 
 def way(lane: Any, start: float = 0.0, end: float = math.inf) -> np.ndarray:
-    """Return the centre line of a lane between two coordinates, m, a point every half metre."""
+    """Return the centre line of a lane, points (x, y) at most half a metre apart but on a sine.
+
+    It begins and ends at coordinates along the lane, m; the end is at most its length.
+    """
     end = min(end, float(lane["length"]))
     along = np.linspace(start, end, 2 + int(2 * (end - start)))
     if lane["straight"]:
@@ -158,7 +161,11 @@ def give_way(axes: Any, x: float, y: float) -> None:
 
 
 def beside(pose: Pose, ahead: float, gap: float, half: tuple[float, float]) -> tuple[float, float]:
-    """Return the centre of a box to the right of a car, at one distance, m, for any heading."""
+    """Return the centre of a box to the right of a car, at the same distance for any heading.
+
+    All lengths are in m: that ahead of the car's centre, the gap to its side, and half the box's
+    extent along x and y.
+    """
     side = abs(math.sin(pose.heading)) * half[0] + abs(math.cos(pose.heading)) * half[1]
     x, y = pose.to_world([(ahead, _SIDE + gap + side)])[0]
     return float(x), float(y)

@@ -23,7 +23,11 @@ Line = Float[np.ndarray, "point 2"]
 
 
 class Lanes:
-    """A scene's road as a view, which stands still where the place of conflict fits into it."""
+    """A scene's road as a view, from its lanes alone.
+
+    The frame stands still in a direction in which the place where ways meet and the ego's entry fit
+    into it; else it follows the ego.
+    """
 
     corner: tuple[float, float] | None = None
 

@@ -35,7 +35,11 @@ def names(studies: tuple[str, ...] = STUDIES) -> tuple[str, ...]:
 
 
 def load(name: str) -> QPolicy | EnsemblePolicy:
-    """Load a discrete policy of the atlas; `UserError` if its name or SHA-256 is no entry."""
+    """Load a policy of the atlas, of discrete actions.
+
+    Raises:
+        UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
+    """
     return _checked(load_values, name, STUDIES)
 
 

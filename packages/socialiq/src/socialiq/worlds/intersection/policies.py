@@ -46,7 +46,11 @@ def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
 
 
 class RulePolicy:
-    """Policy by a rule: observed vehicles (batch, vehicles, 7) in m and m/s to actions."""
+    """Policy defined by a rule.
+
+    The rule is a function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions:
+    numbers, or vectors in [-1, 1].
+    """
 
     def __init__(self, rule: Rule) -> None:
         self._rule = rule
