@@ -45,11 +45,14 @@ LEAST_DECISIONS = 3
 def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.95) -> list[Row]:
     """Return a row for each driver of a world's replayed episodes, one for each vehicle.
 
-    `r_env`, `r_social`, `speed` (m/s, at the end) and the unweighted signals are means of a
-    decision. `angle` is the direction of the two rewards, degrees, None if both are 0; `low` and
-    `high` are its ends in the confidence region, None if the region holds the origin, so that every
-    direction is possible, or of fewer than three decisions. `residual` is the root mean square of
-    what the levels leave, m/s.
+    Returns:
+        `recording` and the vehicle's number in it, `identity`; `decisions` and `seconds` of the
+        episode; `ending`: "arrival", or "truncated" if it left the view; means of a decision:
+        `r_env`, `r_social`, `speed` in m/s at its end, and the unweighted signals `yielding` and
+        `disruption`; the direction of the two rewards, `angle`, degrees, None if both are 0; its
+        smallest and largest in the confidence region, `low` and `high`, None if the region holds
+        the origin, so that every direction is possible, or of fewer than three decisions; root mean
+        square of what the levels of acceleration leave, `residual`, m/s.
     """
     table, road = replayed.table, world.road
     names = [source["recording"] for source in world.provenance["recordings"]]
@@ -96,10 +99,15 @@ def population_of(
 ) -> Row:
     """Return the statistics of all drivers, each counted once.
 
-    The standard deviations of the drivers' points, `sd_env` and `sd_social`, include noise. The
-    angle of the mean point, degrees, is with resampled drivers, `over_drivers`, and with resampled
-    chains of recordings, `over_chains`, None with fewer than two; `of_the_moving` is that of
-    drivers faster than `STANDING`; `with_direction` counts drivers whose angle has an interval.
+    Returns:
+        Numbers of `drivers`, of `recordings` with a driver, of `chains` of recordings that share no
+        vehicle, and of `sites`; mean `r_env` and `r_social` of the drivers' points, and their
+        standard deviations `sd_env` and `sd_social`, including noise; the angle of the mean point,
+        degrees, with resampled drivers, `over_drivers`, and with resampled chains, `over_chains`,
+        None with fewer than two; the number of those slower than `STANDING`, `standing`, and the
+        angle of the others, `of_the_moving`; circular standard deviation of the drivers' angles,
+        `circular_sd`, degrees; number of drivers whose angle has an interval, `with_direction`; the
+        `confidence`.
     """
     points = np.array([[driver["r_env"], driver["r_social"]] for driver in drivers])
     moving = np.array([driver["speed"] >= STANDING for driver in drivers])

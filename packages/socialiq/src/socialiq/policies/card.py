@@ -49,6 +49,9 @@ def model_card(
             count.
         evaluation: One flat object of names and numbers, as `socialiq evaluate --json` prints it.
         evaluated_by: Origin of the evaluation, in words.
+
+    Raises:
+        UserError: If the evaluation is not such an object.
     """
     facts, measured = dict(training or {}), _measured(evaluation)
     record = dict(policy.provenance)

@@ -257,7 +257,11 @@ _NAMES |= {id(_MODEL): "model", id(_NODE): "node"}
 
 
 def check_fields(content: bytes, source: str) -> None:
-    """Refuse a damaged file, and one with unknown or too many fields; cheap in time and memory."""
+    """Refuse a damaged file, and one with unknown or too many fields; cheap in time and memory.
+
+    Raises:
+        UserError: At the first such field, or where the file is damaged.
+    """
     try:
         count, waiting = 0, [(_MODEL, 0, len(content))]
         while waiting:

@@ -29,7 +29,11 @@ RECORDED = ("socialiq data world", "ego swap")
 
 
 class Replay:
-    """Episodes of a file of demonstrations of the intersection, as the page shows them."""
+    """Episodes of a file of demonstrations of the intersection, as the page shows them.
+
+    Raises:
+        UserError: If it is damaged, or of another world.
+    """
 
     def __init__(self, path: Path) -> None:
         self._table = table = files.load(path)
@@ -120,7 +124,11 @@ class Replay:
 
 
 def demonstrations_view(path: Path) -> View:
-    """Return a file of demonstrations of the intersection as content of the page."""
+    """Return a file of demonstrations of the intersection as content of the page.
+
+    Raises:
+        UserError: If it is damaged, or not of the intersection.
+    """
     replay = Replay(path)
     modes = replay.modes()
     count = sum(mode["episodes"] for mode in modes)

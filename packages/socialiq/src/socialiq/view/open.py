@@ -73,7 +73,11 @@ def opened(what: str, angle: float | None, trust: Trust) -> View:
 
 
 def audit_view(folder: Path) -> View:
-    """Return an audit as content of the page: its episodes, the worst first, and all drivers."""
+    """Return an audit as content of the page: its episodes, the worst first, and all drivers.
+
+    Raises:
+        UserError: If its report can't be read, or has no episode of the intersection.
+    """
     report = read_report(folder / REPORT)
     verdict, declared = report["verdict"], report["declaration"]
     scenario = declared["scenario"]
@@ -135,7 +139,11 @@ MOST_ROWS = 64
 
 
 class PolicyDecider:
-    """Decisions of one policy, or of a dial at the angle that the page asks for."""
+    """Decisions of one policy, or of a dial at the angle that the page asks for.
+
+    Raises:
+        UserError: If it can't be read, or is made for another world.
+    """
 
     def __init__(self, spec: str, angle: float, trust: Trust) -> None:
         self._spec, self._trust = spec, trust
@@ -188,7 +196,11 @@ class PolicyDecider:
 
 
 def policy_view(spec: str, angle: float, trust: Trust) -> View:
-    """Return a policy, as `resolve_policy` takes it, as content of the page."""
+    """Return a policy, as `resolve_policy` takes it, as content of the page.
+
+    Raises:
+        UserError: If it can't be read, or is made for another world.
+    """
     decider = PolicyDecider(spec, angle, trust)
     record = decider.loaded.record
     name = one_line(spec if ":" in spec else Path(spec).name, 60)

@@ -174,6 +174,9 @@ def application(view: View | None, port: int, token: str) -> App:
     """Return the ASGI application that shows a view, or the page of the shipped dial alone.
 
     It refuses what the page did not ask. It listens at the port, below the token in its address.
+
+    Raises:
+        UserError: If the extra `web` is not installed.
     """
     applications = optional("starlette.applications", "web", "view")
     responses = optional("starlette.responses", "web", "view")
