@@ -10,7 +10,6 @@ import importlib.util
 import json
 import shutil
 import statistics
-import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq.page.webassembly.equality import run_node
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.page.write import write_page
 from socialiq.worlds.intersection.options import Options
@@ -114,19 +113,3 @@ def native_rate(batch: Batch) -> float:
     for row in actions:
         batch.step(row)
     return rounds * batch.size / (time.process_time() - begin)
-
-
-def run_node(script: str, *words: str) -> str:
-    """Run a script of this folder in Node and return what it prints.
-
-    Raises:
-        UserError: If Node isn't installed, or the script fails.
-    """
-    node = shutil.which("node")
-    if node is None:
-        raise UserError("Node.js isn't installed: install it, for example the package nodejs")
-    call = [node, str(Path(__file__).with_name(script)), *words]
-    done = subprocess.run(call, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise UserError(f"Node.js failed: {done.stderr.strip()[-300:]}")
-    return done.stdout

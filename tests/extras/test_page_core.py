@@ -5,12 +5,11 @@ import shutil
 
 import numpy as np
 import pytest
-from benchmarks import page_core as equality
-from benchmarks.page_core import compared, in_node, native
 
 from socialiq.cli.main import main
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.webassembly import build
+from socialiq.page.webassembly import build, equality
+from socialiq.page.webassembly.equality import compared, in_node, native
 from socialiq.page.webassembly.layout import CORE
 from socialiq.storage import packaged_results, read_json
 from socialiq.worlds.intersection.options import Options

@@ -8,13 +8,13 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from benchmarks.page_core import native
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.data import FAMILY, STUDY
+from socialiq.page.webassembly.equality import native
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results
 from socialiq.types import Ending

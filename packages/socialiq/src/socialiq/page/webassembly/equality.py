@@ -1,14 +1,13 @@
 """Equality of the native core and WebAssembly over many episodes of many drivers.
 
-`python -m benchmarks.page_core --out FOLDER` writes the counts of both comparisons:
+`python -m socialiq.page.webassembly.equality --out FOLDER` writes the counts of both comparisons:
 with this machine's elementary functions (sine, power, ...), and with the page's on both sides.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -18,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
-from benchmarks.page import run_node
 
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
@@ -86,6 +84,22 @@ def in_node(options: Options, seeds: np.ndarray, actions: np.ndarray, core: Path
         )
         records = np.fromfile(folder / "out.bin", kind)
     return Replay(actions, {name: records[name] for name in KEPT})
+
+
+def run_node(script: str, *words: str) -> str:
+    """Run a script of this folder in Node and return what it prints.
+
+    Raises:
+        UserError: If Node isn't installed, or the script fails.
+    """
+    node = shutil.which("node")
+    if node is None:
+        raise UserError("Node.js isn't installed: install it, for example the package nodejs")
+    call = [node, str(Path(__file__).with_name(script)), *words]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise UserError(f"Node.js failed: {done.stderr.strip()[-300:]}")
+    return done.stdout
 
 
 CLOSE = 1e-9
@@ -206,7 +220,7 @@ def main(config: Comparison) -> None:
     if config.functions != "both":
         write_json(config.out / f"{config.functions}.json", counted(config))
         return
-    words = [sys.executable, "-m", "benchmarks.page_core"]
+    words = [sys.executable, "-m", "socialiq.page.webassembly.equality"]
     for name in ("episodes", "first", "chunk", "out"):
         words += [f"--{name}", str(getattr(config, name))]
     words += ["--angles", *map(str, config.angles), "--rules", *config.rules, "--functions"]
