@@ -49,7 +49,7 @@ class Demonstrations:
     next_observation: Float32[np.ndarray, "transition feature"]  # s'
     terminated: Bool[np.ndarray, " transition"]  # s' is a terminal state
     truncated: Bool[np.ndarray, " transition"]  # the world's clock cut the episode at s'
-    ending: Int8[np.ndarray, " transition"]  # `types.Ending`: TIMEOUT where only truncated
+    ending: Int8[np.ndarray, " transition"]  # `types.Ending`: TIMEOUT if truncated only, or NONE
     rewards: RewardPair  # float64
     mode: Int8[np.ndarray, " transition"]  # of the demonstrator, in `mode_names`; one per episode
     episode: Int32[np.ndarray, " transition"]  # from 0 without gaps
