@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from socialiq_recordings.simulated import signs_of_simulation
+from socialiq_recordings.signs_of_simulation import signs_of_simulation
 
 
 def noisy(straight, speeds, seed=0, **fields):

@@ -16,7 +16,7 @@ from socialiq_recordings.conflicts.measures import finite_or_none, rows_of
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.recording import Recording, RoadUser
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.simulated import signs_of_simulation
+from socialiq_recordings.signs_of_simulation import signs_of_simulation
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.recorded_world import SUB_STEPS, WorldConfig
 from socialiq_recordings.world.replay import replay

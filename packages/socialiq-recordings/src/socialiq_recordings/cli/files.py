@@ -31,7 +31,7 @@ from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import NO_ROAD, STEP, RoadNetwork, every_step, shapely
 from socialiq_recordings.road.routes import OFF_THE_MAP, VEHICLES
-from socialiq_recordings.simulated import signs_of_simulation
+from socialiq_recordings.signs_of_simulation import signs_of_simulation
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from socialiq_recordings.identity.identify import Identified, identify, once, sa
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.simulated import signs_of_simulation
+from socialiq_recordings.signs_of_simulation import signs_of_simulation
 from socialiq_recordings.world import lines
 from socialiq_recordings.world.drivers import Calibration, Observed, calibrate, observe
 from socialiq_recordings.world.recorded_world import LAYOUT, RecordedWorld, Road, WorldConfig
