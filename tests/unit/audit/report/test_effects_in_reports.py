@@ -83,7 +83,7 @@ def test_episodes_beyond_the_range_are_counted(bounded):
     cut = int((bounded.evidence[0].policy.beside["delay"] > 1.0).sum())
     assert report["tests"]["competence"][-1]["count"] == cut > 0
     (caveat,) = [row["text"] for row in report["caveats"] if row["about"] == "clip"]
-    assert f"the delay of an episode from 0 to 1. This changed {cut} of 60 episodes" in caveat
+    assert f"the delay of an episode from 0 to 1 cells. This changed {cut} of 60 episodes" in caveat
 
 
 def test_a_report_without_bounds_has_no_field_of_them(report):

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 from socialiq.audit.evidence.drive import PREFIX
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.look import Look
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.profile import Profile, measured_in
 from socialiq.audit.request import DIAL
 from socialiq.audit.seeds import NETWORK, Draw, Round
 from socialiq.audit.verdict.regret import RegretTest
@@ -175,7 +175,8 @@ def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
         ]
     for name, ends in {bound.quantity: bound.range for bound in profile.caused}.items():
         if ends is not None:
-            text = f"the {name} of an episode from {ends[0]:g} to {ends[1]:g}"
+            unit = measured_in(profile.scenario.world)[name]
+            text = f"the {name} of an episode from {ends[0]:g} to {ends[1]:g} {unit}"
             cut[text] = [row.beside[name].clip(*ends) != row.beside[name] for row in drivers]
     for text, changed in cut.items():
         policy, *references = (int(episodes.sum()) for episodes in changed)
