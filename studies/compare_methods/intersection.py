@@ -24,7 +24,6 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
-from socialiq_lab.intersection import demonstration_sets as recorded
 from socialiq_lab.intersection import driving
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.registry import declaration
@@ -72,7 +71,7 @@ class DemonstratorsRun(driving.EpisodesRun):
 
 def shared_jobs(config: Any, phase: str) -> Iterator[Job]:
     """Yield the job that records the demonstrations, and the one that drives the demonstrators."""
-    yield recorded.atlas_demonstrations(recorded.RECORDED_EPISODES)
+    yield driving.atlas_demonstrations(driving.RECORDED_EPISODES)
     if phase == comparison.FRESH:
         sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
         episodes = {"episodes": config.episodes * len(config.seeds), "first_seed": FIRST_FRESH}
@@ -88,7 +87,7 @@ def jobs_of(
     runs = IntersectionRuns.of(config, phase, WORLD, method, settings, updates, **shape)
     steps = updates * len(method.served(runs.angles)) * len(settings) * len(runs.seeds)
     training = f"training/{WORLD}/{phase}/{method.name}"
-    yield Job(training, train_method, runs, (recorded.DEMONSTRATIONS,), 20.0 + steps / 300)
+    yield Job(training, train_method, runs, (driving.DEMONSTRATIONS,), 20.0 + steps / 300)
     first = FIRST_DEVELOPMENT if phase == comparison.DEVELOPMENT else FIRST_FRESH
     for setting, seed in [(setting, seed) for setting in settings for seed in runs.seeds]:
         episodes = Driving(
@@ -124,10 +123,7 @@ def train_method(
         ),
         dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3),
         config.updates,
-        [
-            recorded.mixture_of(recordings, recorded.MIXTURE, recorded.SIZE, seed)
-            for seed in config.seeds
-        ],
+        [driving.mixture_of(recordings, driving.SIZE, seed) for seed in config.seeds],
         None,
         lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // comparison_runs.Arena.chunk)),
         lambda report: on_progress(0.9 * report.done / report.total),

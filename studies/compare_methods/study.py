@@ -4,15 +4,13 @@ Every method of a world has the same updates, environment steps, data sets and n
 choose from, and a network of the same hidden layers.
 """
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from socialiq.evaluation import exact, rollout
-from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.settings import check_counts, check_widths
 from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.storage import write_atomically
@@ -31,53 +29,8 @@ TOLD = ("labels", "ranks", "rewards", "environment")
 """Inputs beside observations and actions; STUDY.toml explains them."""
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-FASTER = 3  # factor on the rates of Table C.1, as in `compare priors`
 KEYS = ("world", "method", "setting", "target_angle", "readout")
 READOUT = "greedy"  # action selection by which settings are chosen and methods compared
-
-
-@dataclass(frozen=True)
-class Config:
-    """One budget and the same seeds for every method of a world."""
-
-    worlds: tuple[str, ...] = GRIDWORLDS
-    """Worlds of the comparison; the intersection takes long and is left out if not named."""
-    methods: tuple[str, ...] = tuple(METHODS)  # names of the methods of STUDY.toml
-    angles: tuple[float, ...] = ANGLES  # target angles in degrees
-    development_angles: tuple[float, ...] = (15.0, 45.0, 75.0)
-    """Angles at which settings are chosen; 0 and 90 are those of demonstrators."""
-    development_seeds: tuple[int, ...] = (100,)
-    """Training seeds on which settings are chosen, each with its own data set."""
-    seeds: tuple[int, ...] = (300, 301, 302, 303, 304)
-    """Training seeds of the table, each with its own data set."""
-    updates: int = 2_000
-    """Gradient steps for each target angle in a gridworld, and as many steps in the world; a
-    network that serves several angles has theirs together."""
-    learning_rate: float = FASTER * presets.TABLE_C1_NUMBERS.learning_rate
-    """Of methods whose grid has none."""
-    polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak  # of methods whose grid has none
-    episodes: int = 1000
-    """Evaluation episodes of each policy in the intersection; each training seed has its own."""
-    intersection_updates: int = 1_000
-    """Gradient steps for each target angle in the intersection, and twice as many steps in the
-    world. A GPU affords 5,000, with the next two."""
-    intersection_hidden: tuple[int, ...] = (64, 64)
-    """Hidden layers in the intersection, over a view of the vehicles as a set. The world's own
-    learners have (256, 256)."""
-    intersection_batch: int = 64
-    """Batch in the intersection. The world's own learners have 256."""
-
-    def __post_init__(self) -> None:
-        """Refuse unknown worlds and methods, empty options, seeds used twice, and bad sizes."""
-        comparison.check_choices(self, METHODS)
-        check_counts(self, ("updates", "episodes", "intersection_updates", "intersection_batch"))
-        check_widths(self.intersection_hidden)
-
-    @property
-    def rows(self) -> list[tuple[str, Method]]:
-        """Worlds and the methods that run there."""
-        pairs = itertools.product(self.worlds, map(METHODS.__getitem__, self.methods))
-        return [(world, method) for world, method in pairs if world in method.worlds]
 
 
 def updates_of(method: Method, updates: int) -> int:
@@ -86,25 +39,26 @@ def updates_of(method: Method, updates: int) -> int:
     return updates * len(ANGLES) // shares[method.serves]
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs of every method at each of its settings, and the peers' environments."""
+    check_counts(config, ("updates", "episodes", "intersection_updates", "intersection_batch"))
+    check_widths(config.intersection_hidden)
     return phase_jobs(config, DEVELOPMENT, None)
 
 
-def more_jobs(config: Config, work: Path) -> list[Job]:
+def more_jobs(config: Any, work: Path) -> list[Job]:
     """Return every method's jobs at the setting that the development jobs' folders choose."""
     return phase_jobs(config, FRESH, choose(job_rows(jobs(config), work, DEVELOPMENT)))
 
 
-def phase_jobs(
-    config: Config, phase: str, chosen: Mapping[tuple[str, str], str] | None
-) -> list[Job]:
+def phase_jobs(config: Any, phase: str, chosen: Mapping[tuple[str, str], str] | None) -> list[Job]:
     """Return every method's jobs, at all settings or the chosen ones, each after its inputs."""
-    libraries = dict.fromkeys(method.peer for _, method in config.rows if method.peer)
+    cells = comparison.cells_of(config, METHODS)
+    libraries = dict.fromkeys(method.peer for _, method in cells if method.peer)
     planned = [learners.environment_job(library) for library in libraries]
     if intersection.WORLD in config.worlds:
         planned += intersection.shared_jobs(config, phase)
-    for world, method in config.rows:
+    for world, method in cells:
         settings = method.settings
         if chosen is not None:
             settings = (method.setting_of(chosen[world, method.name]),)
@@ -151,7 +105,7 @@ def choose(rows: Sequence[Row]) -> dict[tuple[str, str], str]:
     return comparison_tables.choose(matching(rows, readout=READOUT), "setting")
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which settings were chosen."""
     planned, work = context.jobs, context.work
     fresh = job_rows(planned, work, FRESH)

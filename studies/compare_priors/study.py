@@ -3,9 +3,7 @@
 Every method of a world has the same updates, environment steps, network, rates and data sets.
 """
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +37,6 @@ METHODS = comparison.declared_methods(declaration("compare-priors"))
 
 THESIS_STRENGTHS = {"crossing5": presets.POC_STRENGTH, "crossing7": presets.GRID_STRENGTH}
 """λ of each world's own study, also in the column of methods without one."""
-
-FASTER = 3
-"""Factor on the learning rates of 6.2, with a third of its updates: the table costs a third."""
 
 KEYS = ("world", "method", "strength", "target_angle", "readout")
 DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
@@ -94,57 +89,27 @@ def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
     return comparison_runs.trained(LEARNERS[method.learner], arena, method, own_runs)
 
 
-@dataclass(frozen=True)
-class Config:
-    """One budget and the same seeds for every method of a world."""
-
-    worlds: tuple[str, ...] = GRIDWORLDS  # worlds of the comparison
-    methods: tuple[str, ...] = tuple(METHODS)  # names of the methods of STUDY.toml
-    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    """Target angles in degrees."""
-    development_angles: tuple[float, ...] = (0.0, 45.0, 90.0)  # angles at which λ is chosen
-    strengths: tuple[float, ...] = (1.0, 3.0, 10.0)  # λ that can be chosen, or 1/τ_w, ascending
-    development_seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-    """Training seeds on which λ is chosen, each with its own data set."""
-    seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
-    """Training seeds of the table, each with its own data set."""
-    updates: int = presets.GRID.updates // FASTER  # gradient steps, and as many steps in the world
-    learning_rate: float = FASTER * presets.TABLE_C1_NUMBERS.learning_rate
-    polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak
-
-    def __post_init__(self) -> None:
-        """Refuse unknown worlds and methods, empty options, and seeds used twice."""
-        comparison.check_choices(self, METHODS, GRIDWORLDS)
-
-    @property
-    def rows(self) -> list[tuple[str, Method]]:
-        """Worlds and methods in the order of the table."""
-        return list(itertools.product(self.worlds, map(METHODS.__getitem__, self.methods)))
-
-
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs of every method with a λ, at each λ."""
     return [
         _job(config, DEVELOPMENT, world, method, config.strengths)
-        for world, method in config.rows
+        for world, method in comparison.cells_of(config, METHODS, GRIDWORLDS)
         if method.settings
     ]
 
 
-def more_jobs(config: Config, work: Path) -> list[Job]:
+def more_jobs(config: Any, work: Path) -> list[Job]:
     """Return every method's jobs at the λ that the development jobs' folders choose."""
     developed = job_rows(jobs(config), work, DEVELOPMENT)
     chosen = comparison_tables.choose(developed, "strength")
     return [
         _job(config, FRESH, world, method, (chosen.get((world, name), THESIS_STRENGTHS[world]),))
-        for world, method in config.rows
+        for world, method in comparison.cells_of(config, METHODS, GRIDWORLDS)
         for name in (method.name,)
     ]
 
 
-def _job(
-    config: Config, phase: str, world: str, method: Method, strengths: tuple[float, ...]
-) -> Job:
+def _job(config: Any, phase: str, world: str, method: Method, strengths: tuple[float, ...]) -> Job:
     settings = comparison.product(strength=strengths)
     run = GridRuns.of(config, phase, world, method, settings, config.updates, chunk=500)
     count = len(run.seeds) * len(strengths) * len(method.served(run.angles))
@@ -195,7 +160,7 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
     return 1.0
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute rows, their means over seeds, and the rows from which λ was chosen."""
     developed, fresh = (job_rows(context.jobs, context.work, p) for p in (DEVELOPMENT, FRESH))
     also = ("effective_share",)

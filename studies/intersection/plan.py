@@ -16,7 +16,6 @@ from socialiq.nn.view import CHOICES
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
-from socialiq_lab.intersection import demonstration_sets as sets
 from socialiq_lab.intersection import driving
 from socialiq_lab.intersection.driving import BEST, LAST, Driving, evaluation
 from socialiq_lab.intersection.training import ExpertRun, LearnerRun, train_expert, train_learner
@@ -112,9 +111,9 @@ def _main(config: Any) -> Iterator[Job]:
     for (name,), angle in zip(experts.values(), MODES.values(), strict=True):
         numbers = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
         yield _expert(name, dqn.DQNConfig(steps=config.expert_steps), numbers, cost=900.0)
-    recording = sets.Recording(driver=BEST, episodes=config.pool_episodes)
+    recording = driving.Recording(driver=BEST, episodes=config.pool_episodes)
     inputs = tuple(name for (name,) in experts.values())
-    yield Job(sets.DEMONSTRATIONS, sets.record_experts, recording, inputs, cost=20.0)
+    yield Job(driving.DEMONSTRATIONS, driving.record_experts, recording, inputs, cost=20.0)
     for (preset, setting), target in itertools.product(TRAINED, TARGETS):
         structure, numbers = PRESETS[preset]
         structure = dataclasses.replace(structure, updates=config.updates)
@@ -186,7 +185,7 @@ def _learner(
         structure = presets.baseline(structure)
     numbers = dataclasses.replace(numbers, angle=MODES.get(target, 0.0), seed=seed)
     run = LearnerRun(structure, numbers, config.mixture, config.size)
-    return Job(name, train_learner, run, (sets.DEMONSTRATIONS,), cost=cost)
+    return Job(name, train_learner, run, (driving.DEMONSTRATIONS,), cost=cost)
 
 
 def members(config: Any) -> dict[str, str]:

@@ -24,7 +24,6 @@ from socialiq.results_folder import load
 from socialiq.settings import changed
 from socialiq.storage import packaged_results
 from socialiq.types import Row
-from socialiq_lab.intersection import demonstration_sets as sets
 from socialiq_lab.intersection import driving, training
 from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.jobs import Job
@@ -80,9 +79,8 @@ class Config:
     agent_updates: int = 12_000
     """Gradient steps of an agent of one angle; all agents of a seed take twice a dial's."""
     steps_per_update: int = 12  # environment steps for each gradient step
-    pool_episodes: int = sets.RECORDED_EPISODES  # of each expert of the atlas
-    mixture: str = sets.MIXTURE
-    size: int = sets.SIZE  # transitions of each expert in a mixture
+    pool_episodes: int = driving.RECORDED_EPISODES  # of each expert of the atlas
+    size: int = driving.SIZE  # transitions of each expert in a mixture
     episodes: int = driving.EPISODES  # evaluation episodes of each policy
 
     families: tuple[str, ...] = (DIALS, AGENTS)  # that are trained and driven, of `FAMILIES`
@@ -142,7 +140,7 @@ def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
 
 def jobs(config: Config) -> list[Job]:
     """Return every job, each after its inputs: the training of a dial, then its driving."""
-    planned = [sets.atlas_demonstrations(config.pool_episodes)]
+    planned = [driving.atlas_demonstrations(config.pool_episodes)]
     for seed, family, angles in sorted(
         config.cells(), key=lambda cell: (config.seeds.index(cell[0]), FAMILIES.index(cell[1]))
     ):
@@ -168,13 +166,11 @@ def jobs(config: Config) -> list[Job]:
                     numbers=dataclasses.replace(numbers, seed=seed),
                     size=config.size,
                     steps_per_update=config.steps_per_update,
-                    environments=structure.environments,
-                    mixture=config.mixture,
                 )
                 if family == AGENTS:
                     agent = dataclasses.replace(structure, low=at[0], high=at[0])
                     run = dataclasses.replace(run, structure=agent, check_angles=at)
-                inputs, cost = (sets.DEMONSTRATIONS,), structure.updates / 150
+                inputs, cost = (driving.DEMONSTRATIONS,), structure.updates / 150
                 planned.append(Job(name, training.train_dial, run, inputs, cost))
             run = driving.Driving(angles=at, episodes=config.episodes, ahead=ahead)
             dial, cost = (timed if ahead else name), {"planned": 140.0, "lookahead": 15.0}

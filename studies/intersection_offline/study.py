@@ -24,8 +24,7 @@ from socialiq.results_folder import Results
 from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
-from socialiq_lab.intersection import demonstration_sets as sets
-from socialiq_lab.intersection.driving import Driving, episodes_at, evaluation
+from socialiq_lab.intersection import driving
 from socialiq_lab.intersection.rows import times, valued
 from socialiq_lab.intersection.training import MixtureRuns, run_file, train_runs
 from socialiq_lab.jobs import Job, ProgressCallback
@@ -58,8 +57,8 @@ class Config:
     updates: int = 5000  # gradient steps of clones and of IQ-Learn
     learning_rate: float = 1e-3  # Adam's, of clones and of IQ-Learn
     together: int = 5  # training seeds in one program; another number differs by rounding alone
-    pool_episodes: int = sets.RECORDED_EPISODES  # of each expert of the atlas
-    size: int = sets.SIZE  # transitions of each expert in a mixture
+    pool_episodes: int = driving.RECORDED_EPISODES  # of each expert of the atlas
+    size: int = driving.SIZE  # transitions of each expert in a mixture
     episodes: int = 4000  # evaluation episodes of each policy, common to all
     first_episode: int = 60_000_000  # seed of the first one
 
@@ -113,12 +112,12 @@ def folder_of(config: Config, method: str, seed: int) -> str:
 
 def jobs(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
-    recording = sets.atlas_demonstrations(config.pool_episodes)
-    driving = partial(Driving, episodes=config.episodes, first_seed=config.first_episode)
+    recording = driving.atlas_demonstrations(config.pool_episodes)
+    episodes = partial(driving.Driving, episodes=config.episodes, first_seed=config.first_episode)
     planned = [
         recording,
         Job("demonstrators", save_demonstrators, recording.config),
-        evaluation("demonstrators", driving(), cost=6.0),
+        driving.evaluation("demonstrators", episodes(), cost=6.0),
     ]
     for seed in config.seeds[:: config.together]:
         for method in (OWN, *config.methods):
@@ -126,14 +125,14 @@ def jobs(config: Config) -> list[Job]:
             name, runs = folder_of(config, method, seed), runs_of(config, method, seeds)
             policies = len(seeds) * (len(runs.angles) or 4)
             cost = policies * runs.structure.updates / 300
-            planned.append(Job(name, train_runs, runs, (sets.DEMONSTRATIONS,), cost))
-            run = driving(angles=config.angles if method == OWN else ())
-            planned.append(evaluation(name, run, cost=2.0 * policies))
+            planned.append(Job(name, train_runs, runs, (driving.DEMONSTRATIONS,), cost))
+            run = episodes(angles=config.angles if method == OWN else ())
+            planned.append(driving.evaluation(name, run, cost=2.0 * policies))
     return planned
 
 
 def save_demonstrators(
-    _config: sets.Recording,
+    _config: driving.Recording,
     folder: Path,
     _inputs: Mapping[str, Path],
     on_progress: ProgressCallback,
@@ -177,15 +176,15 @@ def _policies(config: Config, work: Path) -> list[Row]:
     for angle in config.angles:
         for mode in MODES:
             label = {"method": f"{DEMONSTRATOR} {mode}", "seed": "", "asked": angle}
-            file = episodes_at(work / "evaluation/demonstrators", mode)
+            file = driving.episodes_at(work / "evaluation/demonstrators", mode)
             rows.append(valued(label, file, angle))
         for seed in config.seeds:
             for method in (OWN, *(config.methods if angle in config.method_angles else ())):
                 folder = work / "evaluation" / folder_of(config, method, seed)
                 trained = config.method_angles[0] if method == "clone of all" else angle
-                file = episodes_at(folder, run_file(seed, trained))
+                file = driving.episodes_at(folder, run_file(seed, trained))
                 if method == OWN:
-                    file = episodes_at(folder, run_file(seed), angle)
+                    file = driving.episodes_at(folder, run_file(seed), angle)
                 label = {"method": method, "seed": seed, "asked": angle}
                 rows.append(valued(label, file, angle))
     return rows

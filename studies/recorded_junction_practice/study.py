@@ -29,7 +29,6 @@ def compute_tables(config: Config, context: Context) -> Findings:
     work = context.work
     angles: list[Row] = []
     turns: list[Row] = []
-    values: list[Row] = []
     drivers = [_row(name, [runs]) for name, runs in junction.driven(work / "drivers").items()]
     summary = {}
     for mixture in junction.MIXTURES:
@@ -45,11 +44,6 @@ def compute_tables(config: Config, context: Context) -> Findings:
         turned = _turns(mixture, dials)
         turns += turned
         summary[mixture] = {row["reward"]: row["difference"] for row in turned}
-        if config.checked:
-            values.append(
-                {"mixture": mixture}
-                | read_json(work / "dials" / junction.slug(mixture) / junction.VALUES)
-            )
     counts = files.load(work / "world" / junction.HUMAN).counts().items()
     world = RecordedWorld.load(work / "world" / junction.WORLD)
     about = {name: world.provenance[name] for name in ("vehicles", "egos", "closures")}
@@ -58,7 +52,6 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "turns": turns,
         "drivers": drivers,
         "data": [{"driver": name, "episodes": n, "decisions": rows} for name, (n, rows) in counts],
-        "values": values,
         "practice": read_json(
             work / "dials" / junction.slug(junction.PRACTISED) / junction.PRACTICE
         ),

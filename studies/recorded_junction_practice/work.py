@@ -7,21 +7,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from socialiq import Ending, QPolicy, RewardPair, UserError, weights
+from socialiq import Ending, QPolicy, UserError
 from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
-from socialiq.demonstrations.mixture import concatenate
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.dial.offline import STAGES, recorded
-from socialiq.learners.dial.offline_losses import Critic, ensemble_values
-from socialiq.learners.settings import check_counts, check_not_negative
+from socialiq.learners.dial.offline import STAGES
+from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import load_arrays, save_arrays, write_json
@@ -31,8 +27,7 @@ from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.gym import JunctionBatch
-from socialiq_recordings.world.practice import Practice, train_with_practice, visit
+from socialiq_recordings.world.practice import Practice, train_with_practice
 from socialiq_recordings.world.recorded_world import RecordedWorld, WorldConfig
 from socialiq_recordings.world.replay import replay
 
@@ -40,7 +35,7 @@ RECORDED, PRACTISED = MIXTURES = "recorded", "recorded, with practice"
 """The recorded drivers alone, and with what the dials then met while they drove in the world."""
 
 WORLD, HUMAN, DRIVEN = "world.safetensors", "human.safetensors", "driven.safetensors"
-VALUES, PRACTICE = "values.json", "practice.json"
+PRACTICE = "practice.json"
 _SIDE_BY_SIDE = 500
 _KIND, _VERSION = "study-recorded-junction", 1
 _COLUMNS = ("totals", "ending", "contact", "length")
@@ -68,9 +63,6 @@ class Config:
     """Static config of the dials, without the length of an episode, which is the world's."""
     numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
     episodes: int = 400  # evaluation episodes of each driver, common to all
-    checked: int = 30
-    """Episodes of each mixture's first dial, at the first angle, in whose states the critics'
-    values are compared with rollouts; their seeds follow those of the evaluation. 0: none."""
     first_episode: int = 66_000_000  # seed of the first evaluation episode
 
     def __post_init__(self) -> None:
@@ -78,7 +70,6 @@ class Config:
         if not self.seeds or len(self.angles) < 2:
             raise UserError("name at least one training seed and two angles")
         check_counts(self, ("episodes",))
-        check_not_negative(self, ("checked",))
 
     def contents(self) -> dict[str, str]:
         """Return the SHA-256 of each scenario by its file's name; `UserError` without any."""
@@ -108,9 +99,6 @@ class Training:
     seeds: tuple[int, ...]
     structure: OfflineDialConfig
     numbers: OfflineDialHyperparameters
-    angle: float
-    checked: int
-    first_checked: int
     practice: Practice
 
 
@@ -135,9 +123,8 @@ def jobs(config: Config) -> list[Job]:
     ]
     for mixture in MIXTURES:
         dials = f"dials/{slug(mixture)}"
-        checks = config.angles[0], config.checked, config.first_episode + config.episodes
         practice = config.practice if mixture == PRACTISED else Practice(0)
-        run = Training(mixture, config.seeds, config.structure, config.numbers, *checks, practice)
+        run = Training(mixture, config.seeds, config.structure, config.numbers, practice)
         cost = (1 + practice.rounds) * len(config.seeds) * config.structure.updates / 30
         planned.append(Job(dials, train, run, ("world",), cost=cost))
         run = Driving(mixture, config.seeds, config.angles, *episodes)
@@ -191,35 +178,6 @@ def train(
         stages["dial"].policy(run).save(folder / f"dial_{seed}.safetensors")
         clone = QPolicy.of(network_of(clones, run), 1.0, {"clone": config.mixture, "seed": seed})
         clone.save(folder / f"clone_{seed}.safetensors")
-    if config.checked:
-        critics = jax.tree.map(lambda leaf: leaf[0], stages["critics"].state.target_network)
-        _, unit = recorded(concatenate([data, *result.driven[0]]), world.config.decisions)
-        row = compared(world, stages["dial"].policy(0), critics, unit, config)
-        write_json(folder / VALUES, row)
-
-
-def compared(
-    world: RecordedWorld, dial: DialPolicy, critics: Critic, unit: Any, config: Training
-) -> Row:
-    """Return the critics' r_env beside that of rollouts, in states that a dial visits."""
-    policy, seeds = dial.at(config.angle), np.arange(config.checked) + config.first_checked
-    batch = JunctionBatch(world, config.checked)
-    visited = visit(batch, lambda observations: policy.predict(observations)[0], seeds)
-    time = jnp.asarray(visited.time / world.config.decisions)
-    observation, rows = jnp.asarray(visited.observation), np.arange(len(visited.time))
-    direction = RewardPair(*(jnp.full(len(rows), weight) for weight in weights(config.angle)))
-    values = np.asarray(ensemble_values(critics, observation, time, direction, unit).mean(axis=0))
-    believed, earned = values[..., 0], visited.returns[..., 0]
-    fault = visited.at_fault
-    decisive = fault.any(axis=1) & ~fault.all(axis=1)
-    row: Row = {"states": len(rows), "decisive": float(decisive.mean())}
-    row |= {"value": float(believed[rows, visited.action].mean())}
-    row |= {"return": float(earned[rows, visited.action].mean())}
-    for name, action in (("braking", 0), ("accelerating", world.n_actions - 1)):
-        row |= {f"value_{name}": float(believed[decisive, action].mean())}
-        row |= {f"return_{name}": float(earned[decisive, action].mean())}
-        row |= {f"at_fault_{name}": float(fault[decisive, action].mean())}
-    return row
 
 
 def drive(

@@ -21,10 +21,7 @@ from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch
-from socialiq_lab.intersection.demonstration_sets import (
-    Recording,
-)
-from socialiq_lab.intersection.driving import BATCH, Driving
+from socialiq_lab.intersection.driving import BATCH, Driving, Recording
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from socialiq_lab.tables import matching
@@ -159,7 +156,8 @@ def test_the_ends_of_the_sweep_are_equal(committed):
 
 def test_the_clones_of_the_comparison_are_equal(committed, tmp_path):
     """One of its methods, which all share seeds, data and budget, on one of its seeds."""
-    config, theirs = priors.Config(angles=(0.0, 45.0, 90.0)), committed["compare-priors"]
+    theirs = committed["compare-priors"]
+    config = find("compare-priors").Config(angles=(0.0, 45.0, 90.0))
     config = dataclasses.replace(config, methods=("clone_of_mode",), seeds=config.seeds[:1])
     (job,) = (job for job in priors.more_jobs(config, tmp_path) if "crossing7" in job.name)
     job.work(job.config, tmp_path, {}, lambda _: None)

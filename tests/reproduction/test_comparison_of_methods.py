@@ -5,13 +5,13 @@ import pytest
 from socialiq import results_folder as store
 from socialiq.results_folder import from_csv
 from socialiq.storage import packaged_results
-from socialiq_lab.comparison import FRESH
+from socialiq_lab.comparison import FRESH, cells_of
 from socialiq_lab.comparison_tables import ROWS, GridRuns, means
+from socialiq_lab.registry import find
 from socialiq_lab.tables import matching
 from studies.compare_methods.intersection import METHODS
 from studies.compare_methods.study import (
     KEYS,
-    Config,
     choose,
     overall,
     paired,
@@ -20,6 +20,7 @@ from studies.compare_methods.study import (
 )
 
 FULL_COMPILER = True
+Config = find("compare-methods").Config
 
 
 @pytest.fixture(name="committed", scope="module")
@@ -58,7 +59,7 @@ def test_the_settings_are_those_that_development_chose(committed) -> None:
 
 def test_every_method_has_every_seed_and_angle(committed) -> None:
     config = Config(**{name: tuple(committed.config[name]) for name in ("worlds", "methods")})
-    for world, method in config.rows:
+    for world, method in cells_of(config, METHODS):
         rows = matching(committed.tables["policies"], world=world, method=method.name)
         greedy = [(row["seed"], row["target_angle"]) for row in rows if row["readout"] == "greedy"]
         assert len(set(greedy)) == len(greedy) == len(config.seeds) * len(config.angles)

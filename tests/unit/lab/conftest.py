@@ -10,7 +10,7 @@ import pytest
 from tests.patience import wait_until
 
 import socialiq
-from socialiq_lab.worker import PORTABLE
+from socialiq_lab.cluster import PORTABLE
 
 QUICK_JOBS = '''
 import os

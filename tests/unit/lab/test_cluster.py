@@ -10,7 +10,6 @@ from tests.patience import HANG, wait_until
 
 from socialiq.errors import UserError
 from socialiq_lab import cluster as cluster_module
-from socialiq_lab import worker as worker_module
 from socialiq_lab.engine import run_jobs
 from socialiq_lab.jobs import Job
 
@@ -186,15 +185,15 @@ def test_an_event_loop_that_starts_late_is_started_again():
 
 
 def test_a_folder_that_is_not_shared_and_another_version_are_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(worker_module, "_SHARED_SECONDS", 0.0)
-    described = worker_module.describe()
+    monkeypatch.setattr(cluster_module, "_SHARED_SECONDS", 0.0)
+    described = cluster_module.describe()
     (tmp_path / ".call").write_text("of another")
     with pytest.raises(UserError, match=r"does not see .*: name a --work folder that all share$"):
-        worker_module.check(described, tmp_path, "this")
+        cluster_module.check(described, tmp_path, "this")
     (tmp_path / ".call").write_text("this")
-    worker_module.check(described, tmp_path, "this")
+    cluster_module.check(described, tmp_path, "this")
     with pytest.raises(UserError, match=r"has numpy .*, this process 1\.0$"):
-        worker_module.check(described | {"numpy": "1.0"}, tmp_path, "this")
+        cluster_module.check(described | {"numpy": "1.0"}, tmp_path, "this")
 
 
 @pytest.mark.parametrize(

@@ -95,9 +95,9 @@ def config_of(**changes) -> SimpleNamespace:
     ],
 )
 def test_wrong_choices_are_one_line(changes, line) -> None:
-    comparison.check_choices(config_of(), METHODS)
+    assert comparison.cells_of(config_of(), METHODS) == [("crossing5", METHODS["clone"])]
     with pytest.raises(UserError, match=line):
-        comparison.check_choices(config_of(**changes), METHODS)
+        comparison.cells_of(config_of(**changes), METHODS)
 
 
 def test_phases_have_their_own_seeds_and_angles() -> None:

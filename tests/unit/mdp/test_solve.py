@@ -114,98 +114,13 @@ def test_soft_value_by_hand():
     assert solve.soft_value(np.array([[1.0, 1.0]]), 0.5)[0] == pytest.approx(1 + 0.5 * np.log(2))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("temperature", [0.05, 1.0])
-def test_soft_value_iteration_and_its_inverse(seed, temperature, random_mdp):
-    _, mdp, reward = make(seed, random_mdp)
-    q, v, _, residual = solve.soft_value_iteration(mdp, reward, 0.95, temperature)
-    assert residual <= 1e-12 * np.abs(v).max()
-    np.testing.assert_allclose(v, temperature * logsumexp(q / temperature, axis=1), atol=1e-12)
-    np.testing.assert_allclose(solve.bellman_reward(mdp, q, v, 0.95), reward, atol=1e-10)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_soft_optimum_is_the_soft_value_of_its_own_policy(seed, random_mdp, random_policy):
-    rng, mdp, reward = make(seed, random_mdp)
-    q, v, _, _ = solve.soft_value_iteration(mdp, reward, 0.9, 0.3)
-    own = solve.evaluate_policy(mdp, solve.soft_policy(q, 0.3), reward, 0.9, temperature=0.3)
-    np.testing.assert_allclose(own.v, v, atol=1e-10)
-    np.testing.assert_allclose(own.q, q, atol=1e-10)
-    other = solve.evaluate_policy(mdp, random_policy(rng, 9, 3), reward, 0.9, temperature=0.3)
-    assert (other.v < v - 1e-6).all()
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_soft_becomes_hard_as_the_temperature_falls(seed, random_mdp):
-    _, mdp, reward = make(seed, random_mdp)
-    hard = solve.value_iteration(mdp, reward, 0.9).v
-    gaps = [
-        np.abs(solve.soft_value_iteration(mdp, reward, 0.9, temperature).v - hard).max()
-        for temperature in (1.0, 0.1, 0.001)
-    ]
-    # The entropy of three actions is at most log 3 per step.
-    assert gaps[0] > gaps[1] > gaps[2]
-    assert gaps[2] <= 0.001 * np.log(3) / (1 - 0.9) + 1e-10
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("temperature", [0.0, 0.4])
-def test_evaluation_equals_iterated_backups(seed, temperature, random_mdp, random_policy):
-    rng, mdp, reward = make(seed, random_mdp)
-    policy = random_policy(rng, 9, 3)
-    q, v, sweeps, residual = solve.evaluate_policy(mdp, policy, reward, 0.9, temperature)
-    iterated = np.zeros(9)
-    for _ in range(400):
-        backup = reward + 0.9 * mdp.expected_next(iterated) - temperature * np.log(policy)
-        iterated = (policy * backup).sum(axis=1)
-    np.testing.assert_allclose(v, iterated, atol=1e-11)
-    np.testing.assert_allclose(q, reward + 0.9 * mdp.expected_next(v), atol=1e-12)
-    assert sweeps == 0
-    assert residual < 1e-12
-
-
-def test_undiscounted_evaluation_by_hand(small_road):
-    # From 0 the policy waits half the time: two steps before it goes, once going.
-    policy = np.array([[0.5, 0.5], [0.0, 1.0], [1.0, 0.0]])
-    v = solve.evaluate_policy(small_road, policy, small_road.rewards.env, 1.0).v
-    # v0 = -1 + .5 v0 + .5 * .75 * 10, v2 = (v0 + v1) / 2.
-    np.testing.assert_allclose(v, [5.5, 10.0, 7.75], rtol=1e-12)
-
-
-def test_undiscounted_evaluation_of_a_policy_that_never_ends_is_refused(small_road):
-    waits = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
-    with pytest.raises(UserError, match="never ends"):
-        solve.evaluate_policy(small_road, waits, small_road.rewards.env, 1.0)
-    assert solve.evaluate_policy(small_road, waits, small_road.rewards.env, 0.5).v[0] == -2.0
-
-
-def test_greedy_takes_the_first_or_last_of_relative_ties():
-    q = np.array(
-        [
-            [1.0, 1.0 + 1e-13, 0.0],
-            [1.0, 1.0 + 1e-11, 0.0],
-            [1e-16, 3e-16, -1.0],
-            [-2.0, -2.0, -2.0],
-            [0.0, 0.0, -1e-300],
-        ]
-    )
-    first = solve.greedy_policy(q)
-    last = solve.greedy_policy(q, prefer="last")
-    assert first.argmax(axis=1).tolist() == [0, 1, 1, 0, 0]
-    assert last.argmax(axis=1).tolist() == [1, 1, 1, 2, 1]
-    assert first.sum(axis=1).tolist() == [1.0] * 5
-    assert solve.greedy_policy(q, tie_tolerance=0.0).argmax(axis=1).tolist() == [1, 1, 1, 0, 0]
-
-
 def test_soft_policy_by_hand():
     policy = solve.soft_policy(np.array([[np.log(3.0), 0.0], [500.0, 0.0]]), 0.5)
     np.testing.assert_allclose(policy, [[0.9, 0.1], [1.0, 0.0]], atol=1e-15)
 
 
 @pytest.mark.parametrize("temperature", [0.0, -1.0, np.nan, np.inf])
-def test_bad_temperatures_are_refused(temperature, small_road):
-    with pytest.raises(UserError, match="temperature"):
-        solve.soft_value_iteration(small_road, small_road.rewards.env, 0.9, temperature)
+def test_bad_temperatures_are_refused(temperature):
     with pytest.raises(UserError, match="temperature"):
         solve.soft_policy(np.zeros((1, 2)), temperature)
 
@@ -216,7 +131,7 @@ def test_bad_rewards_and_discounts_are_refused(small_road):
     with pytest.raises(UserError, match="finite"):
         solve.value_iteration(small_road, np.full((3, 2), np.nan), 0.9)
     with pytest.raises(UserError, match=r"discount 1\.5"):
-        solve.soft_value_iteration(small_road, np.zeros((3, 2)), 1.5, 1.0)
+        solve.value_iteration(small_road, np.zeros((3, 2)), 1.5)
 
 
 def test_occupancy_by_hand(small_road):

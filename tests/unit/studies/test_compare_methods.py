@@ -18,14 +18,14 @@ from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import png
 from socialiq.worlds.enumerate import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
-from socialiq_lab.comparison import product, setting_name
+from socialiq_lab.comparison import cells_of, product, setting_name
 from socialiq_lab.comparison_runs import Arena, Run, trained
 from socialiq_lab.comparison_tables import chances, rows_of
-from socialiq_lab.intersection.demonstration_sets import (
+from socialiq_lab.intersection.driving import (
     RECORDED_EPISODES,
+    EpisodesRun,
     atlas_demonstrations,
 )
-from socialiq_lab.intersection.driving import EpisodesRun
 from socialiq_lab.jobs import fingerprints
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
@@ -33,9 +33,10 @@ from studies.compare_methods import intersection, learners, study
 from studies.compare_methods.baselines.shared import totals_of
 from studies.compare_methods.intersection import METHODS
 from studies.compare_methods.learners import LEARNERS, best_episodes
-from studies.compare_methods.study import ANGLES, TOLD, Config, updates_of
+from studies.compare_methods.study import ANGLES, TOLD, updates_of
 
 STUDY = find("compare-methods")
+Config = STUDY.Config
 
 TINY = Config(
     worlds=("crossing5",),
@@ -155,7 +156,8 @@ def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
     jobs = study.jobs(config)
     assert len(fingerprints(jobs)) == len(jobs)
     chosen = {
-        (world, method.name): setting_name(method.settings[1]) for world, method in config.rows
+        (world, method.name): setting_name(method.settings[1])
+        for world, method in cells_of(config, METHODS)
     }
     fresh = study.phase_jobs(config, "fresh", chosen)
     assert len(fingerprints(fresh)) == len(fresh)
@@ -328,7 +330,7 @@ def test_environments_have_pins() -> None:
 )
 def test_wrong_configurations_are_refused(change, mend) -> None:
     with pytest.raises(UserError, match=mend):
-        Config(**change)
+        study.jobs(Config(**change))
 
 
 def test_the_best_third_is_that_of_the_angle(arena: Arena) -> None:

@@ -19,9 +19,10 @@ from socialiq_lab.comparison_tables import chances, choose
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.compare_priors import study
-from studies.compare_priors.study import LEARNERS, METHODS, Config, effective_share
+from studies.compare_priors.study import LEARNERS, METHODS, effective_share
 
 STUDY = find("compare-priors")
+Config = STUDY.Config
 
 TINY = Config(
     worlds=("crossing5",),
@@ -212,4 +213,4 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
 )
 def test_a_wrong_configuration_is_refused(changed, line) -> None:
     with pytest.raises(UserError, match=line):
-        dataclasses.replace(Config(), **changed)
+        study.jobs(Config(**changed))

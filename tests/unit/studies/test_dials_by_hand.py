@@ -172,7 +172,7 @@ def test_values_are_drawn_above_the_best_demonstrator():
 def continuous_dials():
     return [
         row(env + seed / 10, social, kind=kind, seed=seed, asked=angle, value=env, regret=1.0)
-        for kind, better in ((continuous.plan.CONTINUOUS, 0.0), (continuous.plan.DISCRETE, 1.0))
+        for kind, better in ((continuous.CONTINUOUS, 0.0), (continuous.DISCRETE, 1.0))
         for seed in (0, 1)
         for angle, env, social in ((0.0, 2.0 + better, 0.0), (90.0, 0.0, 2.0))
     ]
@@ -181,13 +181,11 @@ def continuous_dials():
 def test_dials_of_each_kind_are_summed_up_and_compared():
     families = continuous._families(continuous_dials())
     assert [(row["kind"], row["seed"]) for row in families] == [
-        (kind, seed)
-        for kind in (continuous.plan.CONTINUOUS, continuous.plan.DISCRETE)
-        for seed in (0, 1)
+        (kind, seed) for kind in (continuous.CONTINUOUS, continuous.DISCRETE) for seed in (0, 1)
     ]
     assert families[0]["value_0"] == 2.0 and families[2]["mean_value"] == 1.5
     assert families[0]["mean_regret"] == 1.0 and families[0]["rise_r_env"] == 0.0
-    rows = families + [row | {"kind": continuous.plan.HIGH_ANGLES} for row in families[:2]]
+    rows = families + [row | {"kind": continuous.HIGH_ANGLES} for row in families[:2]]
     found = {(row["kinds"], row["measure"]): row for row in continuous._differences(rows)}
     assert found["continuous less discrete", "value_0"]["mean"] == pytest.approx(-1.0)
     assert found["high-angles less continuous", "value_0"]["mean"] == 0.0

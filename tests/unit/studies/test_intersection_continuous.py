@@ -13,8 +13,7 @@ from socialiq.plotting.style import png
 from socialiq_lab.intersection.thesis_values import METRICS, POLICIES
 from socialiq_lab.registry import find
 from socialiq_lab.tables import matching
-from studies.intersection_continuous.plan import CONTINUOUS, DISCRETE, KINDS, Config
-from studies.intersection_continuous.study import main_table
+from studies.intersection_continuous.study import CONTINUOUS, DISCRETE, KINDS, Config, main_table
 
 STUDY = find("intersection-continuous")
 SMALL: dict[str, Any] = {"hidden": (8,), "updates": 2}

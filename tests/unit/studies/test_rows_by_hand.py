@@ -19,8 +19,6 @@ from studies.audits import study as audits
 from studies.grid import study as grid
 from studies.intersection import plan as intersection
 from studies.intersection import study as intersection_study
-from studies.intersection import tables as thesis_tables
-from studies.intersection_continuous import plan as continuous_plan
 from studies.intersection_continuous import study as continuous
 from studies.intersection_offline import study as offline
 from studies.intersection_world import study as world
@@ -198,9 +196,9 @@ def test_the_spread_over_groups_of_episodes_is_that_of_their_shares():
     groups = [arrival, arrival], [arrival, timeout], [timeout, timeout]
     episodes = episodes_with([*itertools.chain(*groups), arrival])  # the last is in no group
     config = SimpleNamespace(group_episodes=2, evaluation_seeds=3)
-    spread = thesis_tables.group_spread(episodes, config, "arrival")
+    spread = intersection_study.group_spread(episodes, config, "arrival")
     assert spread == pytest.approx(np.std([1.0, 0.5, 0.0], ddof=1))
-    assert thesis_tables.group_spread(episodes, config, "collision") == 0.0
+    assert intersection_study.group_spread(episodes, config, "collision") == 0.0
 
 
 @pytest.fixture
@@ -269,7 +267,7 @@ def test_the_main_table_of_continuous_actions_has_mean_and_spread_over_seeds():
         *(METRICS | {"name": "egoistic", "speed_kmh": speed} for speed in (20.0, 24.0)),
     ]
     dials = [
-        METRICS | {"kind": continuous_plan.DISCRETE, "asked": angle, "speed_kmh": 10.0}
+        METRICS | {"kind": continuous.DISCRETE, "asked": angle, "speed_kmh": 10.0}
         for angle in (0.0, 15.0)
     ]
     rows = {(r["policy"], r["metric"]): r for r in continuous.main_table(policies, dials)}
@@ -286,22 +284,22 @@ def test_the_main_table_of_continuous_actions_has_mean_and_spread_over_seeds():
 
 
 def test_every_program_of_continuous_actions_is_driven_and_learners_have_mixtures():
-    config = continuous_plan.Config(seeds=(1,), learner_seeds=(2, 3), angles=(0.0, 90.0))
-    jobs = {job.name: job for job in continuous_plan.jobs(config)}
-    trained = [*continuous_plan.POLICIES, *continuous_plan.KINDS]
+    config = continuous.Config(seeds=(1,), learner_seeds=(2, 3), angles=(0.0, 90.0))
+    jobs = {job.name: job for job in continuous.jobs(config)}
+    trained = [*continuous.POLICIES, *continuous.KINDS]
     assert all(f"evaluation/{name}" in jobs for name in trained)
-    experts = jobs[continuous_plan.EXPERTS].config.numbers
+    experts = jobs[continuous.EXPERTS].config.numbers
     assert [(run.angle, run.seed) for run in experts] == [(0.0, 78), (45.0, 78), (90.0, 78)]
-    baseline = jobs[continuous_plan.BASELINE].config
+    baseline = jobs[continuous.BASELINE].config
     assert [(run.angle, run.seed) for run in baseline.numbers] == [(0.0, 2), (0.0, 3)]
     assert baseline.structure.prior == "none"
-    assert jobs[continuous_plan.WEIGHTED].config.structure.weighted
-    assert not jobs[continuous_plan.CLONES].config.structure.weighted
-    assert jobs[continuous_plan.DISCRETE].config.structure.demonstrations is False
-    dial = jobs[f"evaluation/{continuous_plan.CONTINUOUS}"].config
+    assert jobs[continuous.WEIGHTED].config.structure.weighted
+    assert not jobs[continuous.CLONES].config.structure.weighted
+    assert jobs[continuous.DISCRETE].config.structure.demonstrations is False
+    dial = jobs[f"evaluation/{continuous.CONTINUOUS}"].config
     assert dial.angles == (0.0, 90.0) and dial.first_seed == config.first_episode
     with pytest.raises(UserError, match="at least one training seed"):
-        continuous_plan.Config(learner_seeds=())
+        continuous.Config(learner_seeds=())
 
 
 OFFLINE = offline.Config(seeds=(1, 2, 3), angles=(0.0, 45.0), method_angles=(0.0,), together=2)
@@ -386,7 +384,5 @@ def test_jobs_of_the_recorded_junction_practise_in_one_mixture_alone(tmp_path):
     assert rounds == [0, config.practice.rounds]
     assert jobs["driven/recorded"].inputs == ("world", "dials/recorded")
     assert jobs["drivers"].config.seeds == () and jobs["drivers"].inputs == ("world",)
-    # The checked episodes follow those of the evaluation.
-    assert jobs["dials/recorded"].config.first_checked == config.first_episode + 10
     (content,) = jobs["world"].config.contents.values()
     assert len(content) == 64

@@ -33,7 +33,7 @@ def test_flips_within_reach_are_where_the_lines_cross(random_problem, seed):
     """τ = 1e-5 moves them by less than a hundredth."""
     problem = random_problem(seed, temperature=1e-5)
     lines = problem.demonstrated, response.occupancy_slope(problem)
-    told = {f.state: f for f in response.flip_strengths(problem)}
+    told = {f.state: f for f in response.flips(*lines)}
     reach = response.reach(*lines)
     strengths = (np.linspace(0.02, 1.0, 25) * reach).tolist()
     found = {f.state: f for f in found_flips(problem, solve, strengths)}

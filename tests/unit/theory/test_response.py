@@ -13,9 +13,9 @@ def test_a_bandit_by_hand(bandit):
     problem = bandit([0.7, 0.3], [0.0, 1.0])
     np.testing.assert_allclose(response.occupancy_slope(problem), [[-0.042, 0.042]], rtol=1e-12)
     assert response.target_slope(problem) == pytest.approx(0.042, rel=1e-12)
-    [flip] = response.flip_strengths(problem)
-    assert flip == (0, 0, 1, pytest.approx(0.4 / 0.84, rel=1e-12))
     lines = problem.demonstrated, response.occupancy_slope(problem)
+    [flip] = response.flips(*lines)
+    assert flip == (0, 0, 1, pytest.approx(0.4 / 0.84, rel=1e-12))
     assert response.reach(*lines) == pytest.approx(5 / 3, rel=1e-12)
     np.testing.assert_allclose(response.extinction(*_modes(), 1.0), [5 / 3, np.inf], rtol=1e-12)
 
@@ -36,8 +36,10 @@ def test_the_bandit_does_so(bandit):
 
 
 def test_the_weight_of_the_prior_moves_the_flip(bandit):
-    one, half = (bandit([0.7, 0.3], [0.0, 1.0], prior_weight=w) for w in (1.0, 0.5))
-    strengths = [response.flip_strengths(problem)[0].strength for problem in (one, half)]
+    problems = [bandit([0.7, 0.3], [0.0, 1.0], prior_weight=w) for w in (1.0, 0.5)]
+    slopes = [response.occupancy_slope(problem) for problem in problems]
+    lines = zip([problem.demonstrated for problem in problems], slopes, strict=True)
+    strengths = [response.flips(*line)[0].strength for line in lines]
     assert strengths[1] == pytest.approx(2 * strengths[0], rel=1e-12)
 
 

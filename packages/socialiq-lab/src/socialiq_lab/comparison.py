@@ -161,11 +161,13 @@ def check_names(config: Any, **choices: Collection[str]) -> None:
             one_of(field.removesuffix("s"), name, tuple(names))
 
 
-def check_choices(config: Any, methods: Collection[str], worlds: Sequence[str] = WORLDS) -> None:
-    """Refuse unknown worlds and methods, empty settings, and seeds used twice.
+def cells_of(
+    config: Any, methods: Mapping[str, Method], worlds: Sequence[str] = WORLDS
+) -> list[tuple[str, Method]]:
+    """Return worlds, and the methods that run there, in the order of a comparison's table.
 
     Raises:
-        UserError: The line names what to change.
+        UserError: If a world or method is unknown, a setting empty, or a seed used twice.
     """
     check_names(config, worlds=worlds, methods=methods)
     for name, value in vars(config).items():
@@ -175,6 +177,8 @@ def check_choices(config: Any, methods: Collection[str], worlds: Sequence[str] =
         raise UserError("a world is named twice: name each once")
     if {*config.development_seeds} & {*config.seeds}:
         raise UserError("a seed of development can't be a seed of the table: name others")
+    pairs = itertools.product(config.worlds, map(methods.__getitem__, config.methods))
+    return [(world, method) for world, method in pairs if world in method.worlds]
 
 
 def as_file_name(label: Any) -> str:

@@ -134,13 +134,13 @@ class _Call:
         Raises:
             UserError: If a job fails; the others are stopped first.
         """
-        from socialiq_lab import worker
+        from socialiq_lab import cluster
 
         try:
             write_atomically(self.work / ".call", self.name)
-            described = worker.describe() | worker.PORTABLE
+            described = cluster.describe() | cluster.PORTABLE
             try:
-                self.client.run(worker.check, described, self.work, self.name)
+                self.client.run(cluster.check, described, self.work, self.name)
             except ImportError as error:
                 line = f"a worker of the cluster can't import socialiq: {error}"
                 raise UserError(line) from None
@@ -154,15 +154,15 @@ class _Call:
             (self.work / ".call").unlink(missing_ok=True)
 
     def _send(self, described: dict[str, str]) -> None:
-        from socialiq_lab import worker
+        from socialiq_lab import cluster
 
         self.client.subscribe_topic(
-            worker.topic(self.name), lambda event: self.messages.put(tuple(event[1]))
+            cluster.topic(self.name), lambda event: self.messages.put(tuple(event[1]))
         )
         for number, job in enumerate(self.open):
-            task = worker.Task(job, self.work, self.known[job.name], self.name, described)
+            task = cluster.Task(job, self.work, self.known[job.name], self.name, described)
             future = self.client.submit(
-                worker.perform,
+                cluster.perform,
                 task,
                 *(self.futures[name] for name in job.inputs if name in self.futures),
                 key=f"{job.name}-{self.name}",
@@ -210,11 +210,11 @@ class _Call:
 
     def _stop(self) -> None:
         """Ask the jobs in progress to stop, and wait for those that save their state."""
-        from socialiq_lab import worker
+        from socialiq_lab import cluster
 
         if self.client.status != "running":
             return
-        answers: Any = self.client.run(worker.request_stop, self.name, on_error="ignore")
+        answers: Any = self.client.run(cluster.request_stop, self.name, on_error="ignore")
         saving = [self.futures[name] for names in answers.values() for name in names or ()]
         deadline = time.monotonic() + _PATIENCE
         while any(not future.done() for future in saving) and time.monotonic() < deadline:

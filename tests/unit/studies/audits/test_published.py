@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import t
 
 from socialiq.audit.profile.profile import Margin
-from studies.audits.published import floor_rows, learner_angle_rows, return_rows
+from studies.audits.study import floor_rows, learner_angle_rows, return_rows
 
 MARGIN = Margin(1.0, 10.0)
 

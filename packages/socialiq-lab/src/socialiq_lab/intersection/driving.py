@@ -1,4 +1,4 @@
-"""Driving jobs of the intersection: policies' episodes on common seeds, as checked files."""
+"""Driving jobs of the intersection: episodes on common seeds, and recorded demonstrations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,11 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from socialiq import QPolicy, RewardPair
+from socialiq import Demonstrations, QPolicy, RewardPair
+from socialiq.demonstrations import files
+from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.branching import with_oracle_lookahead
 from socialiq.evaluation.dial import Sweep, calibrated
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.evaluation.online_planning import RolloutPolicy
+from socialiq.evaluation.rollout import MODES, record
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
@@ -19,9 +22,9 @@ from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, save_arrays, write_atomically
 from socialiq.types import Row
-from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq_lab.jobs import Job, ProgressCallback
 
 BEST, LAST, DIAL = "best.safetensors", "last.safetensors", "dial.safetensors"
@@ -30,8 +33,8 @@ EPISODES, FIRST_EPISODE = 2000, 20_000_000
 """Evaluation episodes of a policy, and the seed of the first, the same for all policies."""
 FIRST_CALIBRATION = 15_000_000
 """First seed of the episodes that select a dial's settings."""
-HIGHWAY_EPISODES, FIRST_HIGHWAY_EPISODE = 200, 30_000_000
-"""Episodes on the real highway-env, and the seed of the first."""
+FIRST_HIGHWAY_EPISODE = 30_000_000
+"""Seed of the first episode on the real highway-env."""
 BATCH, PLANNED_BATCH = 512, 128
 """Episodes side by side, and where each has many imagined ones."""
 Ahead = Literal["", "planned", "lookahead"]
@@ -164,3 +167,66 @@ def load_episodes(path: Path) -> Episodes:
     for name in _PAIRS:
         fields[name] = RewardPair(fields.pop(f"{name}_env"), fields.pop(f"{name}_social"))
     return Episodes(**fields)
+
+
+DEMONSTRATIONS = "demonstrations/experts"
+"""Folder of the recordings, in every study."""
+RECORDED_EPISODES = 3000
+"""Episodes recorded of each expert."""
+MIXTURE, SIZE = "equal_transitions", 15_000
+"""Mixture that learners get: transitions of each expert (thesis 6.3)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording(Driving):
+    """Greedy episodes of each of the three experts, on seeds of their own."""
+
+    episodes: int = RECORDED_EPISODES
+    first_seed: int = 10_000_000
+    sha256: tuple[str, ...] = ()
+    """SHA-256 of the experts of the atlas; none for experts that the inputs hold."""
+
+
+def record_experts(
+    config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the transitions of each expert, and their classical rewards row for row.
+
+    The inputs' files are the experts in the order of the modes; without inputs it is the atlas.
+    """
+    experts = [
+        driver
+        for name, trained in inputs.items()
+        for driver in drivers_of(config, {name: trained}).values()
+    ] or [atlas.load(f"expert_{mode}") for mode in MODES]
+    for number, (mode, policy) in enumerate(zip(MODES, experts, strict=True)):
+        source = {"world": Intersection(config.options).description, "expert": policy.provenance}
+        seeds = config.seeds + number * config.episodes
+        recorded = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
+        files.save(folder / f"{mode}.safetensors", recorded.transitions)
+        classical = {"own": recorded.classical.env, "others": recorded.classical.social}
+        save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
+        on_progress((number + 1) / len(experts))
+
+
+def atlas_demonstrations(episodes: int) -> Job:
+    """Return the job that records demonstrations for studies without experts of their own.
+
+    Raises:
+        UserError: If the atlas did not come with the package.
+    """
+    entries = atlas.manifest()
+    sha256 = tuple(entries[f"expert_{mode}"]["sha256"] for mode in MODES)
+    recording = Recording(episodes=episodes, sha256=sha256)
+    return Job(DEMONSTRATIONS, record_experts, recording, cost=20.0)
+
+
+def mixture_of(recordings: Path, size: int, seed: int, mixture: str = MIXTURE) -> Demonstrations:
+    """Draw one of `MIXTURES` of all three experts from a folder of recordings.
+
+    `size` are the transitions or episodes of each expert, as the mixture counts.
+    """
+    pools = {
+        mode: files.load(recordings / f"{mode}.safetensors", continuous=True) for mode in MODES
+    }
+    return MIXTURES[mixture](pools, size, seed)

@@ -36,13 +36,16 @@ from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.comparison import nearest_mode, of_modes
-from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
-from socialiq_lab.intersection.driving import BEST, DIAL, LAST
+from socialiq_lab.intersection.driving import BEST, DIAL, LAST, mixture_of
 from socialiq_lab.jobs import ProgressCallback, callbacks_of
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVE = "curve.csv"
 """File of a training job's learning curve."""
+CHECKS, CHECK_ANGLES = Checks(times=8, episodes=200), (0.0, 45.0, 90.0)
+"""Checks of a dial, and their angles in degrees."""
+ENVIRONMENTS = 256
+"""Intersections side by side in which policy iteration labels states."""
 
 
 def fit(
@@ -136,7 +139,7 @@ def train_learner(
     """Write the last network of a learner and its learning curve."""
     structure, numbers = config.structure, config.numbers
     (recordings,) = inputs.values()
-    data = mixture_of(recordings, config.mixture, config.size, numbers.seed)
+    data = mixture_of(recordings, config.size, numbers.seed, config.mixture)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         policy = QPolicy.of(network_of(state.network, 0), numbers.temperature, {})
@@ -167,12 +170,8 @@ class DialRun:
     size: int
     """Transitions of each expert."""
     steps_per_update: int = road.STEPS_PER_UPDATE
-    environments: int = 12
-    options: Options = field(default_factory=Options)
-    checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
-    check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
+    check_angles: tuple[float, ...] = CHECK_ANGLES
     """Angles of a check, in degrees; of an agent its own."""
-    mixture: str = MIXTURE
 
 
 def train_dial(
@@ -182,38 +181,31 @@ def train_dial(
     structure, numbers = config.structure, config.numbers
     clock = structure.redraw_times > 0  # the network sees the time where times are redrawn
     (recordings,) = inputs.values()
-    data = mixture_of(recordings, config.mixture, config.size, numbers.seed)
+    data = mixture_of(recordings, config.size, numbers.seed)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(dial_training.deployed(state), 0)
-        return _mean_value(config, dial_training.dial_of(structure, numbers, network))
+        dial = dial_training.dial_of(structure, numbers, network)
+        return _mean_value(CHECKS, dial, config.check_angles)
 
-    collector = road.dial_collector(
-        structure,
-        [numbers],
-        Intersection(config.options),
-        config.environments,
-        config.steps_per_update,
-    )
+    size = structure.environments, config.steps_per_update
+    collector = road.dial_collector(structure, [numbers], Intersection(Options()), *size)
     train = partial(
         dial_training.train,
         structure,
         [numbers],
         [data.with_clock() if clock else data],
-        sizes=road.sizes_of(config.options, clock),
+        sizes=road.sizes_of(Options(), clock),
         before_chunk=collector,
     )
-    monitor = config.checks.monitor(structure.updates, measure, "total")
+    monitor = CHECKS.monitor(structure.updates, measure, "total")
     fit(train, folder, on_progress, [DIAL], monitor)
 
 
-def _mean_value(config: "DialRun | DialIterationRun", policy: DialPolicy) -> dict[str, float]:
-    """Return the mean of J(α) over the angles of a check."""
-    values = [
-        config.checks.measured(config.options, policy.at(angle), angle)["total"]
-        for angle in config.check_angles
-    ]
-    return {"total": float(np.mean(values))}
+def _mean_value(checks: Checks, policy: DialPolicy, angles: Sequence[float]) -> dict[str, float]:
+    """Return the mean of J(α) over the angles of a check; its r_social is Eq 4.2."""
+    totals = [checks.measured(Options(), policy.at(angle), angle)["total"] for angle in angles]
+    return {"total": float(np.mean(totals))}
 
 
 @dataclass(frozen=True)
@@ -222,11 +214,7 @@ class DialIterationRun:
 
     structure: policy_iteration.DialIterationConfig
     numbers: policy_iteration.IterationHyperparameters
-    environments: int = 256
-    options: Options = field(default_factory=Options)
-    checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
-    check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
-    """Angles of a check, in degrees; its r_social is Eq 4.2."""
+    checks: Checks = CHECKS
     effects: EffectOptions | None = None
     """Of a training by what the ego causes, in the place of Eq 4.2."""
 
@@ -240,22 +228,22 @@ def train_dial_by_iteration(
     """Improve the dial of the input; write it and its learning curve, which is of J(α)."""
     (begun,) = inputs.values()
     start = DialPolicy.load(begun / DIAL)
-    clock = road.observes_time(start, config.options)
+    clock, options = road.observes_time(start, Options()), Options()
     structure = policy_iteration.with_network_of(config.structure, start)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(state.target_network, 0)
-        return _mean_value(config, DialPolicy.of(network, 1.0, structure.low, structure.high, {}))
+        dial = DialPolicy.of(network, 1.0, structure.low, structure.high, {})
+        return _mean_value(config.checks, dial, CHECK_ANGLES)
 
-    labeller = road.dial_labeller(
-        structure, Intersection(config.options, config.effects), config.environments, clock
-    )
+    world = Intersection(options, config.effects)
+    labeller = road.dial_labeller(structure, world, ENVIRONMENTS, clock)
     train = partial(
         policy_iteration.train,
         structure,
         [config.numbers],
         [labeller],
-        road.sizes_of(config.options, clock),
+        road.sizes_of(options, clock),
         start=start,
     )
     monitor = config.checks.monitor(structure.updates, measure, "total")
@@ -277,7 +265,6 @@ class MixtureRuns:
     """Transitions of each expert."""
     angles: tuple[float, ...] = ()
     """In degrees; none for dials."""
-    mixture: str = MIXTURE
     nearest: bool = False
     """Whether a clone sees the demonstrator of the nearest angle alone."""
     environments: int = 12
@@ -298,7 +285,7 @@ def train_runs(
         UserError: If a run broke.
     """
     (recordings,) = inputs.values()
-    data = [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds]
+    data = [mixture_of(recordings, config.size, seed) for seed in config.seeds]
     structure, cells = config.structure, list(itertools.product(config.seeds, config.angles))
     callbacks = callbacks_of(on_progress)
     if isinstance(structure, dial.OfflineDialConfig):

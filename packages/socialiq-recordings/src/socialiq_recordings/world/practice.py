@@ -3,8 +3,7 @@
 The world, its drivers and the demonstrations come from recordings alone. The first dial learns
 from the recorded drivers; each round the dials drive episodes at several angles, some decisions
 drawn at random, and new dials learn from the recorded drivers and all practice so far (growing
-batch learning: Lange, Gabel and Riedmiller 2012). `visit` says what each action of a driven state
-would have earned.
+batch learning: Lange, Gabel and Riedmiller 2012).
 """
 
 from __future__ import annotations
@@ -12,15 +11,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64
+from jaxtyping import Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
-from socialiq.evaluation.branching import rollouts
 from socialiq.evaluation.rollout import columns_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
@@ -28,9 +26,7 @@ from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperpar
 from socialiq.learners.dial.offline import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_counts, check_seed, check_shares
-from socialiq.types import Ending, Policy
-from socialiq.worlds.highway.options import Contact
-from socialiq_recordings.world.gym import JunctionBatch
+from socialiq.types import Policy
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 ANGLES = 7  # angles at which a dial practises, from its least to its largest
@@ -138,50 +134,3 @@ def _exploring(
         return np.where(rng.random(len(running)) < share, actions, np.asarray(chosen))
 
     return decide
-
-
-Act = Callable[[Float32[np.ndarray, "row feature"]], Int64[np.ndarray, " row"]]
-"""A policy: actions of observations."""
-
-
-class Visited(NamedTuple):
-    """States that a policy visits, and what each action leads to if the policy goes on."""
-
-    observation: Float32[np.ndarray, "state feature"]  # of each state
-    time: Float32[np.ndarray, " state"]  # decisions since the reset
-    action: Int64[np.ndarray, " state"]  # the policy's
-    # sums of r_env and r_social to the end of the episode, of each action
-    returns: Float[np.ndarray, "state action 2"]
-    # whether the episode then ends in a collision at fault, of each action
-    at_fault: Bool[np.ndarray, "state action"]
-
-
-def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"]) -> Visited:
-    """Drive an episode for each seed, in a batch of as many, and branch in every state.
-
-    Each action is taken in a copy of the episode, which meets the same traffic, and the policy is
-    followed to the end.
-    """
-    batch.reset(seeds)
-    running, visited = np.ones(batch.size, bool), []
-    while running.any():
-        rows = np.flatnonzero(running)
-        observation, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
-        action[rows] = policy(observation[rows])
-        visited.append((observation[rows], time[rows], action[rows], *_branch(batch, rows, policy)))
-        decisions = batch.step(action, auto_reset=False, rows=running)
-        running &= decisions.ending == int(Ending.NONE)
-    return Visited(*(np.concatenate(column) for column in zip(*visited, strict=True)))
-
-
-def _branch(batch: JunctionBatch, rows: np.ndarray, policy: Act) -> tuple[np.ndarray, np.ndarray]:
-    """Return `returns` and `at_fault` of `Visited` of each action in some rows."""
-    copies = batch.branch(np.repeat(rows, batch.n_actions))
-    first, running = np.tile(np.arange(batch.n_actions), len(rows)), np.ones(copies.size, bool)
-    returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
-    steps = rollouts(copies, first, running, lambda rows: policy(copies.observation[rows]))
-    for decided, decisions in steps:
-        returns[decided] += np.column_stack(decisions.rewards)[decided]
-        collided = decisions.ending == int(Ending.COLLISION)
-        at_fault |= decided & collided & (decisions.contact == int(Contact.EGO_STRUCK))
-    return returns.reshape(len(rows), -1, 2), at_fault.reshape(len(rows), -1)

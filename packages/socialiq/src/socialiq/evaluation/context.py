@@ -113,7 +113,7 @@ def consistent(table: Table, angles: StateAngles) -> TimedPolicy:
     for time in reversed(range(table.world.horizon)):
         pairs = zip(mdp.rewards, after, strict=True)
         q = RewardPair(*(reward + mdp.expected_next(values) for reward, values in pairs))
-        actions[time] = best_action(env[:, None] * q.env + social[:, None] * q.social, 1e-12)
+        actions[time] = best_action(env[:, None] * q.env + social[:, None] * q.social)
         after = RewardPair(*(side[rows, actions[time]] for side in q))
     return np.eye(mdp.n_actions)[actions]
 

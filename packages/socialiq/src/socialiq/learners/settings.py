@@ -254,7 +254,7 @@ def _checks(rule: Rule) -> Callable[[Any, Sequence[str]], None]:
     return check
 
 
-check_counts, check_shares, check_not_negative = map(_checks, (_count, _share, _not_negative))
+check_counts, check_shares = map(_checks, (_count, _share))
 """Given a config and names of fields, raise `UserError` if one is out of range."""
 
 

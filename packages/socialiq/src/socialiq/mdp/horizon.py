@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -45,18 +44,16 @@ def horizon_optimum(
     mdp: TabularMDP,
     reward: StateActionArray,
     horizon: int,
-    tie_tolerance: float = 1e-12,
-    prefer: Literal["first", "last"] = "first",
     allowed: Bool[np.ndarray, "*time state action"] | None = None,
 ) -> HorizonPolicy:
     """Maximise the expected undiscounted sum of a reward, by backward induction.
+
+    Of tied actions (`solve.greedy_policy`) the first is taken.
 
     Args:
         mdp: The dynamics.
         reward: Reward to maximise, usually R(α) of Eq 4.3.
         horizon: Largest number of steps of an episode.
-        tie_tolerance: Relative difference below which two actions tie (`solve.greedy_policy`).
-        prefer: Whether the first or the last of tied actions is taken.
         allowed: Actions that may be taken, by state or by time and state; by default all. In a
             state that allows no action, all are allowed, an optimistic assumption.
 
@@ -75,7 +72,7 @@ def horizon_optimum(
     after = np.zeros(mdp.n_states)
     for time in reversed(range(horizon)):
         q = np.where(barred[time], -np.inf, reward + mdp.expected_next(after))
-        actions[time] = best_action(q, tie_tolerance, prefer)
+        actions[time] = best_action(q)
         # The maximum and not the tied action's value, so that tolerances don't add up over time.
         after = values[time] = q.max(axis=1)
     return HorizonPolicy(actions, values, float(mdp.initial @ after))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from scipy.sparse import csc_array, eye_array
 from scipy.sparse.linalg import splu
-from scipy.special import entr, softmax
+from scipy.special import softmax
 
 from socialiq.errors import UserError
 from socialiq.mdp.tabular import (
@@ -24,8 +23,7 @@ from socialiq.types import Ending
 
 # Least number of further sweeps for small values once the large values have converged.
 _PATIENCE = 100
-
-Backup = Callable[[Float[np.ndarray, "action state"]], StateArray]
+_TIED = 1e-12  # relative difference below which two actions tie
 
 
 class Solution(NamedTuple):
@@ -59,31 +57,26 @@ def value_iteration(
     Raises:
         UserError: If the reward or the discount is invalid, or the sweeps do not converge.
     """
-    return _sweep(mdp, reward, discount, lambda q: q.max(axis=0), tolerance, max_sweeps)
-
-
-def soft_value_iteration(
-    mdp: TabularMDP,
-    reward: StateActionArray,
-    discount: float,
-    temperature: float,
-    tolerance: float = 1e-12,
-    max_sweeps: int = 100_000,
-) -> Solution:
-    """Solve the soft Bellman equation, V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5).
-
-    It maximises the reward together with τ > 0 times the policy's entropy; the other arguments are
-    those of `value_iteration`.
-
-    Raises:
-        UserError: If an argument is invalid, or the sweeps do not converge.
-    """
-    check_temperature(temperature)
-
-    def backup(q: Float[np.ndarray, "action state"]) -> StateArray:
-        return soft_value(q.T, temperature)
-
-    return _sweep(mdp, reward, discount, backup, tolerance, max_sweeps)
+    check_reward(mdp, reward)
+    check_discount(discount)
+    # Action-major, because a maximum over the leading axis is many times as fast.
+    rows = np.arange(reward.size).reshape(reward.shape).T
+    flow = discount * mdp.flow[rows.ravel()]
+    earned = np.ascontiguousarray(reward.T)
+    v, residual, settled_sweeps = np.zeros(mdp.n_states), np.inf, 0
+    for sweep in range(1, max_sweeps + 1):
+        q = earned + (flow @ v).reshape(earned.shape)
+        previous, v = v, q.max(axis=0)
+        change, size = np.abs(v - previous), np.abs(v)
+        residual = float(change.max())
+        settled_sweeps += residual <= tolerance * size.max()
+        given_up = settled_sweeps > max(_PATIENCE, sweep // 2)
+        if given_up or (change <= tolerance * size).all():
+            return Solution(np.ascontiguousarray(q.T), v, sweep, residual)
+    raise UserError(
+        f"values still move by {residual:.3g} after {max_sweeps} sweeps: "
+        "lower the discount, or allow more sweeps"
+    )
 
 
 def evaluate_policy(
@@ -91,32 +84,23 @@ def evaluate_policy(
     policy: StateActionArray,
     reward: StateActionArray,
     discount: float,
-    temperature: float = 0.0,
 ) -> Solution:
     """Return the value of a stationary policy, by one sparse linear system (Eq 2.1).
 
-    V(s) = Σ_a π(a|s) [Q(s, a) - τ log π(a|s)], Q(s, a) = r(s, a) + γ E V(s').
-
-    Args:
-        mdp: The dynamics.
-        policy: Action probabilities.
-        reward: Reward of each state and action.
-        discount: γ in [0, 1]; at 1 the policy must be able to end from every state.
-        temperature: τ >= 0 of the entropy bonus of Eq 2.5; 0 omits it.
+    V(s) = Σ_a π(a|s) Q(s, a), Q(s, a) = r(s, a) + γ E V(s'), with γ in [0, 1]; at 1 the policy must
+    be able to end from every state.
 
     Raises:
         UserError: If an argument is invalid, or the undiscounted value is not finite.
     """
     check_reward(mdp, reward)
     check_discount(discount)
-    if temperature != 0.0:
-        check_temperature(temperature)
     chain = mdp.under(policy)
     if discount == 1.0:
         ends = (policy * (1.0 - mdp.ending_probability[:, :, Ending.NONE])).sum(axis=1) > 0.0
         if not closure(chain, ends).all():
             raise UserError("the policy never ends from some state: evaluate with a discount < 1")
-    earned = (policy * reward).sum(axis=1) + temperature * entr(policy).sum(axis=1)
+    earned = (policy * reward).sum(axis=1)
     system = eye_array(mdp.n_states) - discount * chain
     v = splu(csc_array(system)).solve(earned)
     q = reward + discount * mdp.expected_next(v)
@@ -134,22 +118,22 @@ def soft_value(q: StateActionArray, temperature: float) -> StateArray:
 
 
 def greedy_policy(
-    q: StateActionArray, tie_tolerance: float = 1e-12, prefer: Literal["first", "last"] = "first"
+    q: StateActionArray, prefer: Literal["first", "last"] = "first"
 ) -> StateActionArray:
     """Return the one-hot policy of the first, or last, action of largest Q up to rounding.
 
     The tolerance is relative to the largest `|Q|` of the state alone, with no absolute part: at
     90 degrees values of 1e-16 select the 5x5 world's expert (docs/worlds/crossing5.md).
     """
-    return np.eye(q.shape[1])[best_action(q, tie_tolerance, prefer)]
+    return np.eye(q.shape[1])[best_action(q, prefer)]
 
 
 def best_action(
-    q: StateActionArray, tie_tolerance: float = 1e-12, prefer: Literal["first", "last"] = "first"
+    q: StateActionArray, prefer: Literal["first", "last"] = "first"
 ) -> Int[np.ndarray, " state"]:
     """Return the index of the action that `greedy_policy` takes."""
     highest = q.max(axis=1, keepdims=True)
-    tied = highest - q <= tie_tolerance * np.abs(highest)
+    tied = highest - q <= _TIED * np.abs(highest)
     if prefer == "first":
         return tied.argmax(axis=1)
     return q.shape[1] - 1 - tied[:, ::-1].argmax(axis=1)
@@ -170,37 +154,6 @@ def bellman_reward(
 ) -> StateActionArray:
     """Return r(s, a) = Q(s, a) - γ E V(s'), the inverse soft Bellman operator (Eq 2.6)."""
     return q - discount * mdp.expected_next(v)
-
-
-def _sweep(
-    mdp: TabularMDP,
-    reward: StateActionArray,
-    discount: float,
-    backup: Backup,
-    tolerance: float,
-    max_sweeps: int,
-) -> Solution:
-    """Iterate V <- backup(r + γ E V) from V = 0 until the values have converged."""
-    check_reward(mdp, reward)
-    check_discount(discount)
-    # Action-major, because a maximum over the leading axis is many times as fast.
-    rows = np.arange(reward.size).reshape(reward.shape).T
-    flow = discount * mdp.flow[rows.ravel()]
-    earned = np.ascontiguousarray(reward.T)
-    v, residual, settled_sweeps = np.zeros(mdp.n_states), np.inf, 0
-    for sweep in range(1, max_sweeps + 1):
-        q = earned + (flow @ v).reshape(earned.shape)
-        previous, v = v, backup(q)
-        change, size = np.abs(v - previous), np.abs(v)
-        residual = float(change.max())
-        settled_sweeps += residual <= tolerance * size.max()
-        given_up = settled_sweeps > max(_PATIENCE, sweep // 2)
-        if given_up or (change <= tolerance * size).all():
-            return Solution(np.ascontiguousarray(q.T), v, sweep, residual)
-    raise UserError(
-        f"values still move by {residual:.3g} after {max_sweeps} sweeps: "
-        "lower the discount, or allow more sweeps"
-    )
 
 
 def check_temperature(temperature: float) -> None:

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.errors import UserError, one_of
 from socialiq.nn import q_network
 from socialiq.nn.q_network import QNetwork, with_weights
-from socialiq.nn.view import ROW, Encoding, View, angle_columns
+from socialiq.nn.view import Encoding, angle_columns
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
@@ -102,46 +96,3 @@ class DialNetwork(eqx.Module):
             )
             layers[-1] = with_weights(last, weight, bias)
         return QNetwork(tuple(layers), self.activation, self.view)
-
-
-def transferred(
-    network: DialNetwork,
-    actions: Sequence[str],
-    new_actions: Sequence[str],
-    instead: str,
-    vehicles: int,
-    margin: float = 0.1,
-) -> DialNetwork:
-    """Return a network that values observations of another road as before.
-
-    An action keeps its outputs by its name. A new action gets those of another, less a margin, so
-    that the greedy policy never takes it before it has learned to.
-
-    Args:
-        network: Reads a set of vehicles, without the time.
-        actions: Names of its actions, in order.
-        new_actions: Names of the other road's actions.
-        instead: Action whose outputs a new one gets.
-        vehicles: Rows of the other road's observation.
-        margin: Subtracted from each output of a new action, above 0.
-
-    Raises:
-        UserError: If the network reads something else, or `instead` is none of its actions.
-    """
-    view = network.view
-    if not (isinstance(view, View) and view.choice.pooled) or view.times:
-        raise UserError("only a dial that reads a set of vehicles without the time is transferred")
-    one_of("action", instead, tuple(actions))
-    origins = np.array(
-        [actions.index(name if name in actions else instead) for name in new_actions]
-    )
-    less = np.array([0.0 if name in actions else margin for name in new_actions], np.float32)
-    heads = 2 if network.pairs else 1
-    rows = np.concatenate([origins + head * len(actions) for head in range(heads)])
-    *layers, last = network.layers
-    assert last.bias is not None
-    weight, bias = jnp.asarray(last.weight)[rows], jnp.asarray(last.bias)[rows]
-    empty = eqx.nn.Linear(last.weight.shape[1], len(rows), key=jax.random.key(0))
-    layers.append(with_weights(empty, weight, bias - np.tile(less, heads)))
-    view = dataclasses.replace(view, n_features=vehicles * ROW)
-    return dataclasses.replace(network, layers=tuple(layers), view=view)

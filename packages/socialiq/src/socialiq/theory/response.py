@@ -71,12 +71,6 @@ def flips(level: StateActionArray, slope: StateActionArray) -> list[Flip]:
     return sorted(flips, key=lambda flip: flip.strength)
 
 
-def flip_strengths(problem: Problem) -> list[Flip]:
-    """Return the flips of the regularized objective with the gradient through every V."""
-    level = np.where(problem.support, problem.demonstrated, 0.0)
-    return flips(level, occupancy_slope(problem))
-
-
 def extinction(
     shares: Float[np.ndarray, " mode"], targets: Float[np.ndarray, " mode"], prior_weight: float
 ) -> Float[np.ndarray, " mode"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -52,22 +51,20 @@ class Dial(Learner):
 
     Attributes:
         simulator: The world to act in; None offline, or when experience is collected outside JAX.
-        start: Network to begin with; None draws one from the run's seed.
     """
 
     simulator: Simulator | None = eqx.field(static=True, default=None)
-    start: DialNetwork | None = None
 
     name: ClassVar[str] = "dial"
 
     def network(self, key: PRNGKeyArray) -> Networks:
-        """Draw Q if there is no start, and the skill f if demonstrators are given."""
+        """Draw Q, and the skill f if demonstrators are given."""
         static = self.static
         shape = (static.activation, static.view, static.one_hot)
         n_features, n_actions = self.sizes
         knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
         pairs = static.heads == "pair"
-        values = self.start or DialNetwork.initialise(
+        values = DialNetwork.initialise(
             key, n_features, static.hidden, n_actions, *shape, static.times, pairs, knots
         )
         if not static.demonstrators:
@@ -195,7 +192,6 @@ def train(
     chunk: int = 500,
     before_chunk: BeforeChunk | None = None,
     budget: BeforeChunk | None = None,
-    start: DialNetwork | None = None,
 ) -> Trained:
     """Train one dial for each entry of `hyperparameters`, as `train` does a policy.
 
@@ -211,7 +207,6 @@ def train(
         chunk: Updates between two calls of the callbacks.
         before_chunk: Adds experience from outside JAX (`learners.collect`).
         budget: Moves the multiplier (`Budget`).
-        start: Network of this form that every run begins with; None draws one from its seed.
 
     Raises:
         UserError: If settings, data and world don't fit together.
@@ -223,25 +218,13 @@ def train(
         settings.check_social(sets)
     table = ExpertTable.of(sets, "instantaneous", 1.0) if sets else None
     world = simulator.description if simulator else "offline or collected"
-    if start is not None:
-        fresh = Dial(static, sizes).network(jax.random.key(0)).values
-        forms = [jax.tree.structure(network) for network in (fresh, start)]
-        shapes = [[leaf.shape for leaf in jax.tree.leaves(network)] for network in (fresh, start)]
-        if forms[0] != forms[1] or shapes[0] != shapes[1]:
-            raise UserError(
-                "the network in `start` has another form than the configuration: give it the same "
-                "view, widths, heads, knots and horizon, and the world's features and actions"
-            )
-        content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(start))
-        world = f"{world}, from the network {hashlib.sha256(content).hexdigest()}"
 
     def in_turn(present: Runs, done: int) -> Runs:
         for hook in (before_chunk, budget):
             present = hook(present, done) if hook else present
         return present
 
-    learner = Dial(static, sizes, table, simulator, start)
-    return learner.train(runs, callbacks, chunk, in_turn, world)
+    return Dial(static, sizes, table, simulator).train(runs, callbacks, chunk, in_turn, world)
 
 
 def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> HyperparameterArrays:
