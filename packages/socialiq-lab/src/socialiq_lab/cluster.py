@@ -46,10 +46,8 @@ _SETTINGS = {
 def client_of(cluster: str | None, processes: int, work: Path) -> Iterator[Client]:
     """Connect to a running cluster, or start a local one for the duration of the context.
 
-    Args:
-        cluster: Address of a scheduler or its scheduler file; None for a local cluster.
-        processes: Number of processes of the local cluster.
-        work: Folder of all jobs' folders, and of compiled programs.
+    `cluster` is the address of a scheduler or its scheduler file, None for a local cluster of some
+    processes. Compiled programs are kept in the work folder.
 
     Raises:
         UserError: If the cluster can't be reached or has no workers.

@@ -67,12 +67,7 @@ class State:
 
 
 def declared_study(name: str, content: Mapping[str, Any], module: Any = None) -> Study:
-    """Return the study of a STUDY.toml.
-
-    Args:
-        name: Name of the study.
-        content: Content of the file.
-        module: Module `study.py` beside it, if there is one.
+    """Return the study of the content of a STUDY.toml, and of the module `study.py` beside it.
 
     Raises:
         UserError: If `[config]` is missing, or a value in it has no plain type.

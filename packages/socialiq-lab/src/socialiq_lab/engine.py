@@ -83,12 +83,9 @@ def run_jobs(
 ) -> None:
     """Run the jobs that are not finished, each after its inputs, in folders of the work folder.
 
-    Args:
-        jobs: Each stands after its inputs.
-        work: Folder of their folders.
-        on_stage: Given the name of a stage, returns the callback for its progress.
-        processes: Of the local cluster; by default one for each core that this process may use.
-        cluster: Address of a running Dask scheduler, or its scheduler file.
+    `on_stage` returns the callback for the progress of a stage. The jobs run in processes of a
+    local cluster, by default one for each core that this process may use, or on `cluster`, the
+    address of a running Dask scheduler or its scheduler file.
 
     Raises:
         UserError: If a job fails, its process dies again and again, the folder is in use, or the

@@ -79,13 +79,9 @@ def train_declared(
 ) -> tuple[list[Row], list[Learned]]:
     """Train the runs of a `[[train]]` in one program; return its rows and its policies.
 
-    Args:
-        training: The declaration, as `declared.variants` multiplies it out.
-        ground: The world.
-        seeds: Training seeds, each with its own data set.
-        data_sets: Data sets by their declaration, as "trajectories 60"; new ones are added.
-        on_report: Shows progress.
-        prior: A penalty of the user's own in place of the quadratic one.
+    `training` is the declaration as `declared.variants` multiplies it out. Each seed has its own
+    data set; new ones are added to `data_sets`, by their declaration, as "trajectories 60". `prior`
+    is a penalty of the user's own in place of the quadratic one.
     """
     ((kind, number),) = training["data"].items()
     if (key := f"{kind} {number}") not in data_sets:

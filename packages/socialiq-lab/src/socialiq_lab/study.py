@@ -94,12 +94,8 @@ def run(
 ) -> Results:
     """Run the jobs that are not finished yet, and compute the tables, rounded as they are saved.
 
-    Args:
-        study: The study.
-        config: Its configuration; by default that of the committed results.
-        on_stage: Shows progress.
-        work: Folder of the jobs; a temporary folder by default.
-        engine: Where the jobs run; by default on every core of this machine.
+    By default the configuration is that of the committed results, the folder of the jobs is a
+    temporary one, and the jobs run on every core of this machine.
 
     Raises:
         UserError: If a job fails or the work folder can't be written.

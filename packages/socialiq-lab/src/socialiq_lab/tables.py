@@ -93,16 +93,8 @@ def paired_table(
 ) -> list[Row]:
     """Test each group against a reference group, paired by training seed, with Holm's adjustment.
 
-    Args:
-        rows: A row for each group and seed.
-        by: Column that names the groups.
-        reference: Group that the others are compared with.
-        columns: Columns that are compared.
-        within: Columns whose values are compared separately.
-        seed: Column of the pairing.
-
-    Returns:
-        A row for each comparison, adjusted over all of them.
+    Rows stand for a group, named in the column `by`, and a seed. Rows that differ in the columns
+    `within` are compared separately; the adjustment is over all comparisons.
     """
     tests = []
     for values, comparable in groups(rows, *within).items():
@@ -193,14 +185,7 @@ def paired_differences(
 ) -> list[Row]:
     """Test the difference of each column between two groups of rows, with Holm's adjustment.
 
-    Args:
-        first: A row for each training seed.
-        second: Rows of the same seeds, in the same order.
-        columns: Columns to compare.
-        label: Column that names the compared one.
-
-    Returns:
-        A row for each column; none if there is one seed only.
+    Both groups have a row for each training seed, in the same order. There is no test for one seed.
     """
     if len(first) < 2:
         return []

@@ -88,14 +88,9 @@ class Collector(BaseCollector):
 class VectorCollector(BaseCollector):
     """Fills the replays of all runs from one vector environment, as they would collect alone.
 
-    The environments of a run are next to each other, and all actions come from one call; only the
-    rounding of the networks' outputs differs.
-
-    Args:
-        env: As many environments for each run; as of `from_vector_env`.
-        rounds: Steps of each environment for a chunk.
-        hyperparameters: Of each run.
-        behaviour: How all runs act.
+    The environments of a run are next to each other, as many for each run, and all actions come
+    from one call; only the rounding of the networks' outputs differs. A chunk has `rounds` steps of
+    each.
 
     Raises:
         UserError: If the environments can't be divided among the runs.

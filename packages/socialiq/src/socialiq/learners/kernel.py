@@ -256,12 +256,8 @@ class Learner(eqx.Module):
     ) -> Trained:
         """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
-        Args:
-            hyperparameters: Frozen dataclasses of numbers, with a `seed`.
-            callbacks: Progress, monitor, checkpoint.
-            chunk: Updates between two calls of the callbacks.
-            before_chunk: Adds experience from outside JAX (`learners.collect`).
-            world: Description of the world, for the checkpoint.
+        Hyperparameters are frozen dataclasses of numbers, with a `seed`. `world` is a description
+        for the checkpoint.
 
         Raises:
             UserError: If there is no run, or two of a learner of the user's own are equal but

@@ -316,15 +316,11 @@ def train(
 ) -> Trained:
     """Train one dial for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
-    Args:
-        static: Shared by all runs.
-        hyperparameters: One entry for each run; their angle is not used.
-        labellers: One for each run, of `chunk * static.states_per_update` states for each chunk;
-            `evaluation.road_training.dial_labeller` makes those of the intersection.
-        sizes: Features of an observation without the angle, and number of actions.
-        callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two calls of the callbacks.
-        start: Dial that every run improves; its network must be that of `static`.
+    Each run has a labeller of `chunk * static.states_per_update` states for each chunk;
+    `evaluation.road_training.dial_labeller` makes those of the intersection. The angle of the
+    hyperparameters is not used. `sizes` are the features of an observation without the angle, and
+    the number of actions. `start` is the dial that every run improves, with the network of
+    `static`.
 
     Raises:
         UserError: If there is no run, not one labeller for each, or another first network.

@@ -312,12 +312,8 @@ def check_fit(
 ) -> tuple[int, int]:
     """Refuse runs whose data and world don't fit together, before any work is done.
 
-    Args:
-        runs: Hyperparameters of each run.
-        sets: Number of sets of demonstrations; None for a learner without.
-        online: Whether the learner acts.
-        acts: Whether there is a world, or experience from one.
-        shapes: (features, actions) of data and world, of which the one that all have is returned.
+    A learner without demonstrations has None for the number of `sets`. `acts` says whether there is
+    a world, or experience from one. The (features, actions) that all `shapes` have are returned.
 
     Raises:
         UserError: The line says what is missing, is there without use, or doesn't fit.

@@ -137,11 +137,7 @@ def attainable_set(
     points of four directions. The optimum for the normal of the chord between two neighbours
     either lies beyond the chord, or proves that the chord is an edge.
     A vertex counts if it lies more than 1e-9 of the largest coordinate beyond its neighbours.
-
-    Args:
-        mdp: The dynamics and the reward pair.
-        horizon: Largest number of steps of an episode.
-        allowed: Actions that may be taken, as in `horizon_optimum`; by default all.
+    `allowed` restricts the actions as in `horizon_optimum`.
 
     Raises:
         UserError: If the horizon is not positive, or `allowed` has another shape.

@@ -48,14 +48,8 @@ def horizon_optimum(
 ) -> HorizonPolicy:
     """Maximise the expected undiscounted sum of a reward, by backward induction.
 
-    Of tied actions (`solve.greedy_policy`) the first is taken.
-
-    Args:
-        mdp: The dynamics.
-        reward: Reward to maximise, usually R(α) of Eq 4.3.
-        horizon: Largest number of steps of an episode.
-        allowed: Actions that may be taken, by state or by time and state; by default all. In a
-            state that allows no action, all are allowed, an optimistic assumption.
+    Of tied actions (`solve.greedy_policy`) the first is taken. `allowed` restricts the actions by
+    state or by time and state; a state that allows none allows all, an optimistic assumption.
 
     Raises:
         UserError: If the reward or the horizon is invalid.
@@ -112,11 +106,7 @@ def horizon_evaluation(
 ) -> HorizonEvaluation:
     """Evaluate a policy exactly, by forward propagation of the distribution of states.
 
-    Args:
-        mdp: The dynamics.
-        policy: Action probabilities, (state, action), or (time, state, action) with `horizon`
-            times for a time-dependent policy.
-        horizon: Largest number of steps of an episode.
+    A time-dependent policy has `horizon` times, the largest number of steps of an episode.
 
     Raises:
         UserError: If the policy or the horizon is invalid.

@@ -34,15 +34,9 @@ def cross_fitted(
 ) -> Float[np.ndarray, "row output"]:
     """Return the mean target given the observation, from networks trained on other groups.
 
-    Groups are divided into at most `FOLDS` folds. For each fold a network is fitted by least
-    squares to the rows of the other folds, all in one program.
-
-    Args:
-        observation: Features of each row.
-        target: Quantity to predict, in any unit.
-        group: Rows of one group share noise: the number of a row's episode, from 0 without gaps.
-        seed: Seed of the folds, the networks and the batches.
-        steps: Gradient steps of each network.
+    Rows of one group share noise: the number of a row's episode, from 0 without gaps. Groups are
+    divided into at most `FOLDS` folds. For each fold a network is fitted by least squares to the
+    rows of the other folds, all in one program.
 
     Raises:
         UserError: If there is one group only.

@@ -96,15 +96,8 @@ def estimate_angle(
 ) -> AngleEstimate:
     """Estimate α̂ from episode totals, with a seeded percentile bootstrap over episodes.
 
-    Each resample draws whole episodes, so the pair stays together; its mean vector gives an
-    angle, whose deviation from α̂ is wrapped before the percentiles are taken.
-
-    Args:
-        env: Sum of r_env of each episode.
-        social: Sum of r_social of each episode.
-        seed: Seed of the resampling.
-        confidence: Level of the two-sided interval.
-        resamples: Number of bootstrap resamples.
+    Each resample draws whole episodes, so the pair of an episode's sums stays together; its mean
+    vector gives an angle, whose deviation from α̂ is wrapped before the percentiles are taken.
 
     Raises:
         UserError: If there are no episodes or a total is not finite.

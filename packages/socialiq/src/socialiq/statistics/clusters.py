@@ -32,16 +32,10 @@ def cluster_mean(
     resamples: int = 2000,
     confidence: float = 0.95,
 ) -> ClusterMean:
-    """Return the mean of rows with an interval from resampled clusters and a sign-flip test.
+    """Return the mean of paired differences, with an interval from resampled clusters of rows.
 
-    Rows of one cluster may depend on each other in any way (Cameron, Gelbach and Miller 2008).
-
-    Args:
-        values: Paired differences.
-        cluster: Cluster of each row, any numbers.
-        seed: Of the resampling.
-        resamples: Number of bootstrap resamples, and of drawn patterns of signs.
-        confidence: Of the interval.
+    Rows of one cluster may depend on each other in any way (Cameron, Gelbach and Miller 2008). The
+    test flips the signs of clusters, in as many drawn patterns as there are resamples.
 
     Raises:
         UserError: If there is no row.

@@ -51,17 +51,10 @@ def paired_difference(
 ) -> Difference:
     """Return the mean difference of two measures, by Student's paired t over replicates.
 
-    A replicate is a training seed: the two policies trained from it are evaluated on common
-    episode seeds. Episodes are not replicates: they don't show the variation of training.
-
-    Args:
-        first: A measure of one policy in each replicate, at least two.
-        second: The measure of the other policy, in the same order.
-        confidence: Confidence of the interval.
-
-    Returns:
-        The difference. Where all differences are equal the t statistic is undefined: the interval
-        is the point, and p is 1 if they are 0, else 0.
+    A replicate is a training seed: the two policies trained from it are evaluated on common episode
+    seeds. Episodes are not replicates: they don't show the variation of training. Where all
+    differences are equal the t statistic is undefined: the interval is the point, and p is 1 if
+    they are 0, else 0.
 
     Raises:
         UserError: If there are fewer than two pairs, unequal numbers, or a number isn't finite.

@@ -98,13 +98,9 @@ def bounds(
 
     If v is the common value and a share p of all episodes deviates, the mean lies between
     v - p (reach + v) and v + p (reach - v). p has its exact binomial upper bound (Clopper &
-    Pearson 1934), so equal episodes throughout leave 3 reach / n at 95 %, not 0.
-
-    Args:
-        values: A difference between two drivers, for instance 0 in nearly every episode.
-        reach: Largest absolute value of the difference; the range of all drivers' totals.
-        low_error: Error probability of the lower bound.
-        high_error: Error probability of the upper bound.
+    Pearson 1934), so equal episodes throughout leave 3 reach / n at 95 %, not 0. `values` are a
+    difference between two drivers, for instance 0 in nearly every episode, and `reach` its largest
+    absolute value, the range of all drivers' totals.
     """
     common, count = float(np.median(values)), deviating(values, reach)
     below, above = (_share(count, len(values), error) for error in (low_error, high_error))
@@ -116,15 +112,8 @@ def episodes_if_rare(
 ) -> int | None:
     """Return the number of episodes for which a bound is within a distance of the common value.
 
-    Args:
-        distance: Distance from the mean to the limit.
-        common: Value of nearly all episodes.
-        reach: Largest absolute value.
-        count: Deviating episodes so far; the number is assumed to stay the same.
-        error: One-sided error probability.
-
-    Returns:
-        The number; None if the limit is the value.
+    The number of deviating episodes so far, `count`, is assumed to stay the same. None if the
+    distance to the limit is 0.
     """
     from scipy.stats import chi2
 

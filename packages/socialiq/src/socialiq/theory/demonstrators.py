@@ -49,22 +49,15 @@ def mean_target(
 ) -> StateActionArray:
     """Return T̄(s, a), the mean of the prior's target over the rows of (s, a), reward.
 
-    - instantaneous: R(s, a).
+    - instantaneous: R(s, a), R(α) of Eq 4.3.
     - to_go: Σ_k p(k|s, a) Q_k(s, a), the returns-to-go of the demonstrators that take a in s.
     - advantage: R + γ E V(s') - V(s) with V of the pooled policy: a shaping of R.
     - own_advantage: Σ_k p(k|s, a) A_k(s, a), each against its own V. It is not a shaping of R,
       because p(k|s, a) depends on a. A deterministic demonstrator has A_k = 0 on its own actions.
 
-    Args:
-        mdp: The dynamics.
-        policies: Policy of each demonstrator.
-        by_demonstrator: Result of `occupancies`; p(k|s, a) is a part's share at (s, a).
-        reward: R(α) of Eq 4.3.
-        kind: One of `TARGET_KINDS`.
-        discount: γ, and γ_svo of the returns.
-
-    Returns:
-        T̄, 0 where no action is demonstrated, except for the kind instantaneous.
+    p(k|s, a) is the share of demonstrator k at (s, a) of `by_demonstrator`, the result of
+    `occupancies`. The returns are discounted with γ. T̄ is 0 where no action is demonstrated,
+    except for the kind instantaneous.
 
     Raises:
         UserError: If the kind is unknown, or no function of state and action.
@@ -124,16 +117,10 @@ def drawn_rows(
     horizon: int,
     discount: float,
 ) -> Drawn:
-    """Return the rows of a data set with infinitely many episodes.
+    """Return the rows of a data set with infinitely many episodes of at most `horizon` steps.
 
-    Args:
-        mdp: The dynamics.
-        policies: Policy of each demonstrator.
-        shares: Share of episodes of each demonstrator.
-        reward: R(α) of Eq 4.3.
-        kind: "instantaneous" or "to_go"; returns end at the truncation.
-        horizon: Largest number of steps of an episode.
-        discount: γ, and γ_svo of the returns.
+    `shares` are each demonstrator's share of the episodes, and `reward` is R(α) of Eq 4.3. The kind
+    is "instantaneous" or "to_go", whose returns end at the truncation.
 
     Raises:
         UserError: If an argument is invalid.

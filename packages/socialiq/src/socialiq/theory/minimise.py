@@ -146,12 +146,9 @@ def minimise(
 
     Only demonstrated actions are included: elsewhere the objective decreases without bound with Q.
     States without any are never reached, because demonstrated actions lead to demonstrated states
-    only. The minimum is tracked from a temperature of 1 or more down to that of the problem.
-
-    Args:
-        problem: Problem to minimise.
-        start: Initial Q: that at the minimum of a similar problem on the same support.
-        entry: Weight of V(s) in term 2, by default (1 - γ) p_0: for a mixture with replay.
+    only. The minimum is tracked from a temperature of 1 or more down to that of the problem, from
+    the Q of a similar problem on the same support if there is one. `entry` is the weight of V(s) in
+    term 2, by default (1 - γ) p_0: for a mixture with replay.
 
     Raises:
         UserError: If Newton's method doesn't converge.

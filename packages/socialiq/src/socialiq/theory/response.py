@@ -46,17 +46,12 @@ def reach(level: StateActionArray, slope: StateActionArray) -> float:
 
 
 def flips(level: StateActionArray, slope: StateActionArray) -> list[Flip]:
-    """Return the first change of the greedy action of each state with a choice.
+    """Return the first change of the greedy action of each state with two demonstrated actions.
 
-    λ_flip = [level(a1) - level(a2)] / [slope(a2) - slope(a1)], the least over a2. It is exact where
-    it is within `reach`, and an extrapolation beyond.
-
-    Args:
-        level: ρ_E(s, a), or the demonstrators' shares of actions; 0 where not demonstrated.
-        slope: Derivative of `level` by λ.
-
-    Returns:
-        A flip for each state with two or more demonstrated actions, in ascending order of λ.
+    λ_flip = [level(a1) - level(a2)] / [slope(a2) - slope(a1)], the least over a2, in ascending
+    order. It is exact where it is within `reach`, and an extrapolation beyond. `level` is ρ_E(s,
+    a), or the demonstrators' shares of actions, 0 where not demonstrated, and `slope` its
+    derivative by λ.
     """
     flips = []
     for state in np.flatnonzero((level > 0.0).sum(axis=1) > 1):
@@ -99,17 +94,9 @@ QSolver = Callable[[Problem, StateActionArray | None], StateActionArray]
 def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> list[Flip]:
     """Return the least λ at which each state's greedy action differs from that at λ = 0.
 
-    The first step of the range with another action is bisected to a relative width of 0.001. A flip
-    and its reversal within one step are not detected.
-
-    Args:
-        problem: The problem; its own strength isn't used.
-        solve: Finds Q.
-        strengths: λ > 0, ascending.
-
-    Returns:
-        A flip for each state with two or more demonstrated actions, in ascending order of its
-        strength, which is infinite if no change is found.
+    The first step of `strengths`, which rise, with another action is bisected to a relative width
+    of 0.001. A flip and its reversal within one step are not detected. There is a flip for each
+    state with two or more demonstrated actions, in ascending order, infinite if no change is found.
     """
 
     def q_at(strength: float, start: StateActionArray | None) -> StateActionArray:

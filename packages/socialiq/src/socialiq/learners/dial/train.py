@@ -193,20 +193,11 @@ def train(
     before_chunk: BeforeChunk | None = None,
     budget: BeforeChunk | None = None,
 ) -> Trained:
-    """Train one dial for each entry of `hyperparameters`, as `train` does a policy.
+    """Train one dial for each entry of `hyperparameters`, as `iq_learn.train.train` does a policy.
 
-    Args:
-        static: Shared by all runs.
-        hyperparameters: One entry for each run.
-        datasets: Sets of demonstrations, or none; with `DialConfig.demonstrators` one set of each
-            of them for a run.
-        simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
-        sizes: Features of an observation and number of actions; needed only where neither
-            demonstrations nor a simulator tell.
-        callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two calls of the callbacks.
-        before_chunk: Adds experience from outside JAX (`learners.collect`).
-        budget: Moves the multiplier (`Budget`).
+    With `DialConfig.demonstrators` there is one set of demonstrations of each of them for a run.
+    `sizes`, the features of an observation and the number of actions, is needed only where neither
+    demonstrations nor a simulator tell. `budget` moves the multiplier (`Budget`).
 
     Raises:
         UserError: If settings, data and world don't fit together.
@@ -264,15 +255,8 @@ class Budget:
     where the score is that of single steps, so there is one value to find. ε, in units of reward,
     is what a designer declares and an auditor checks, in the place of λ.
 
-    Args:
-        regret: Measures a run's policy at the target angle.
-        budget: ε of each run, in units of reward.
-        step: How far log μ moves for a regret that is twice the budget.
-        low: Smallest multiplier.
-        high: Largest.
-
-    Attributes:
-        path: One `Look` for each chunk but the first, which learns at μ = 1.
+    `regret` measures a run's policy at the target angle. A regret of twice the budget moves log μ
+    by `step`. `path` has one `Look` for each chunk but the first, which learns at μ = 1.
 
     Raises:
         UserError: If a budget is not positive, or the range of multipliers is empty.
