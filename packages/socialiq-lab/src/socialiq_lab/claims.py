@@ -45,15 +45,11 @@ _PLACE = re.compile(r"\{([a-z-]+):([^:}]+)(?::([^}]*))?\}")
 def ledger(results: Path) -> list[dict[str, Any]]:
     """Return every claim with our value, in the order of the thesis.
 
-    Args:
-        results: Folder with a results folder for each study.
-
-    Returns:
-        Rows with `id`, `place`, `study`, `statement`, `thesis`, `ours`, `our_value` (a number or
-        None), `value`, `tolerance` (of a printed mean with a spread: what standard errors explain),
-        `from_numbers` (the verdict that the numbers give, None without), `command`, `verdict`,
-        `conditions`, `reason`, `caused` and `verdict_caused` (the same claim about what the ego
-        causes, in the place of Eq 4.2; empty without).
+    Rows have `id`, `place`, `study`, `statement`, `thesis`, `ours`, `our_value` (a number or None),
+    `value`, `tolerance` (of a printed mean with a spread: what standard errors explain),
+    `from_numbers` (the verdict that the numbers give, None without), `command`, `verdict`,
+    `conditions`, `reason`, `caused` and `verdict_caused` (the same claim about what the ego
+    causes, in the place of Eq 4.2; empty without). `results` has a results folder for each study.
 
     Raises:
         UserError: If the results are missing, a place is not in them, or a tolerance is one that

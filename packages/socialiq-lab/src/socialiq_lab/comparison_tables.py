@@ -146,12 +146,8 @@ def references(world: str, angles: Sequence[float]) -> list[Row]:
 def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
     """Return, for each world and method, the setting with the greatest mean J(α).
 
-    J*(α) is the same for all settings, so this is also the least mean regret. Of equal ones the
-    first is chosen.
-
-    Args:
-        rows: Rows of the development seeds, settings in the order of their grid.
-        setting: Column of the setting.
+    J*(α) is the same for all settings, so this is also the least mean regret. The rows are those of
+    the development seeds. Of equal settings the first in the order of their grid is chosen.
     """
     chosen: dict[tuple[str, str], Any] = {}
     for (world, method), group in groups(rows, "world", "method").items():
@@ -164,12 +160,9 @@ def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
 
 
 def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) -> list[Row]:
-    """Return means over seeds; α̂ is that of the mean totals, low and high are of single seeds.
+    """Return means over seeds of the rows of single policies with equal `keys`.
 
-    Args:
-        rows: Rows of single policies, with metrics, `value` and `regret`.
-        keys: Columns by which rows belong together.
-        also: Further columns to average.
+    α̂ is that of the mean totals; low and high are of single seeds.
     """
     pooled: list[Row] = []
     for values, group in groups(rows, *keys).items():
@@ -187,11 +180,8 @@ def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) ->
 def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """Return mean J(α), mean regret and worst regret of each method over all target angles.
 
-    Regrets are empty where the optimum is unknown.
-
-    Args:
-        pooled: Rows of `means`.
-        keys: Columns by which rows belong together, without the angle.
+    The rows are those of `means`, and `keys` doesn't name the angle. Regrets are empty where the
+    optimum is unknown.
     """
     rows = []
     for values, group in groups(pooled, *keys).items():
@@ -220,11 +210,7 @@ def angle_figure(
 ) -> Figure:
     """Draw a field for each method and angle: the mean over seeds, and the range if it differs.
 
-    Args:
-        results: With a table `pooled` of `means`.
-        world: The world.
-        labels: Label of each method.
-        readouts: Action selections, a panel for each.
+    The results have a table `pooled` of `means`. Each readout has a panel.
     """
     rows = matching(results.tables["pooled"], world=world)
     rows = [row for row in rows if row["readout"] in readouts]

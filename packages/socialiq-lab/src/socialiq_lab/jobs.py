@@ -119,13 +119,11 @@ def is_done(folder: Path, fingerprint: str) -> bool:
 def do(
     job: Job, work: Path, fingerprint: str, on_progress: ProgressCallback, call: str = ""
 ) -> float:
-    """Run a job: its folder appears whole, or its written files remain for the next try.
+    """Run a job, and return the seconds it took.
 
-    Two processes never do the same job at a time; the second finds it finished. Interrupted tries
-    are counted for each `call` of `run_jobs`.
-
-    Returns:
-        The seconds it took.
+    Its folder appears whole, or its written files remain for the next try. Two processes never do
+    the same job at a time; the second finds it finished. Interrupted tries are counted for each
+    `call` of `run_jobs`.
 
     Raises:
         UserError: If the folder can't be written, or the job was interrupted too often.

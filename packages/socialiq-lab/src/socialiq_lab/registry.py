@@ -90,9 +90,8 @@ def read(path: Path) -> dict[str, Any]:
 def study_and_declaration(name: str, allow_code: bool = False) -> tuple[Study, dict[str, Any]]:
     """Return a study by name, and the content of its STUDY.toml (empty for FILE.py:NAME).
 
-    Args:
-        name: One of `STUDIES`, the path of a STUDY.toml, or FILE.py:NAME.
-        allow_code: Whether code of the user's own may run, with the user's rights.
+    The name is one of `STUDIES`, the path of a STUDY.toml, or FILE.py:NAME; code of the user's own
+    runs, with the user's rights, if `allow_code`.
 
     Raises:
         UserError: If there is none of that name, or its code may not run or fails.

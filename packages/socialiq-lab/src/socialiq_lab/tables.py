@@ -134,12 +134,10 @@ def numeric_means(rows: Sequence[Row]) -> Row:
 
 
 def nested(rows: Sequence[Row], *keys: str, keep: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return rows as nested mappings by the values of their keys.
+    """Return rows as nested mappings by the values of their keys, the outermost first.
 
-    Args:
-        rows: Rows; of equal keys the last one stays.
-        keys: Columns, outermost first; a float is written as short as it can be.
-        keep: Columns that remain; by default all but the keys.
+    Of equal keys the last row stays. A float is written as short as it can be. By default all
+    columns but the keys are kept.
     """
     result: dict[str, Any] = {}
     for row in rows:

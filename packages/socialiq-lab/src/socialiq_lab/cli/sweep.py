@@ -115,13 +115,9 @@ class Sweep(Printing):
 def array_script(
     command: Sequence[str], numbers: Sequence[int], work: Path, environment: Mapping[str, str]
 ) -> str:
-    """Return the text of a Slurm array script.
+    """Return the text of a Slurm array script; the tasks' logs are written in the work folder.
 
-    Args:
-        command: Words of the command that runs a job, without its number, which comes last.
-        numbers: Numbers of the jobs that are not finished.
-        work: Folder of all jobs' folders; the tasks' logs are written there.
-        environment: Environment variables of the tasks.
+    The number of an unfinished job is the last word of the command that runs it.
     """
     lines = [
         "#!/bin/bash",

@@ -105,12 +105,8 @@ def atlas_files(
 ) -> dict[str, bytes]:
     """Return the content of the atlas' files by path below the results folder.
 
-    Args:
-        study: Name of the study that made them.
-        world: Name of their world.
-        sources: Job of each policy and the file in its folder, by name in the atlas.
-        work: Folder of the jobs.
-        greedy: Metrics of each policy, by name in the atlas.
+    `sources` names the job of each policy and the file in its folder, and `greedy` its metrics,
+    both by name in the atlas.
     """
     contents: dict[str, bytes] = {}
     entries: dict[str, Any] = {}

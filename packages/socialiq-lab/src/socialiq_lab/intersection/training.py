@@ -55,14 +55,10 @@ def fit(
     files: Sequence[str],
     monitor: road.Monitor | None = None,
 ) -> None:
-    """Train, from the checkpoint of an interrupted try if there is one, and write the outcome.
+    """Train, from the checkpoint of an interrupted try if there is one, and fill the folder.
 
-    Args:
-        train: Trains, given `callbacks` and `chunk`.
-        folder: Folder to fill.
-        on_progress: Called with the share that is done.
-        files: Name of the file of each run's policy.
-        monitor: Measures for the learning curve of the first run; none is written without it.
+    `train` is given `callbacks` and `chunk`, and `files` are the names of the runs' policies. The
+    monitor measures the learning curve of the first run; none is written without it.
     """
     checkpoint = folder / CHECKPOINT
     callbacks = callbacks_of(on_progress, checkpoint, monitor)

@@ -45,13 +45,10 @@ class _Entry(NamedTuple):
 def read_plan(file: Path, allow_code: bool = False) -> Plan:
     """Read a sweep file.
 
-    Args:
-        file: TOML with `data`, and optionally `learner`, `worlds`, `seeds`, `preset`,
-            `runs_per_job` and the tables `static` and `hyperparameters`, whose keys are fields of
-            the learner's `StaticConfig` and `Hyperparameters`. A list means each of its values.
-            Paths are relative to the file.
-        allow_code: Whether modules of environments, and a learner of the user's own, may be
-            imported.
+    It is TOML with `data`, and optionally `learner`, `worlds`, `seeds`, `preset`, `runs_per_job`
+    and the tables `static` and `hyperparameters`, whose keys are fields of the learner's
+    `StaticConfig` and `Hyperparameters`. A list means each of its values. Paths are relative to the
+    file. Modules of environments, and a learner of the user's own, are imported if `allow_code`.
 
     Raises:
         UserError: If the file can't be read, or a key or value is invalid; the line names both.

@@ -36,14 +36,11 @@ def acting_in(
     hyperparameters: Sequence[Any],
     chunk: int = 500,
 ) -> Collector:
-    """Let runs act in a Gymnasium environment: the `before_chunk` of `train`.
+    """Let runs act in a Gymnasium environment: the `before_chunk` of `train`, with its `chunk`.
 
-    Args:
-        make: Makes the environment, once for each run: with discrete actions, or for a learner of
-            continuous ones with actions in [-1, 1].
-        static: Of the runs; `env_steps_per_update` is how much they act.
-        hyperparameters: Of each run.
-        chunk: Updates between two times of acting, the `chunk` of `train`.
+    `make` makes the environment, once for each run: with discrete actions, or for a learner of
+    continuous ones with actions in [-1, 1]. `env_steps_per_update` of `static` is how much they
+    act.
 
     Raises:
         UserError: If the actions are of another kind.

@@ -137,16 +137,12 @@ class VectorCollector(BaseCollector):
 def from_env(
     env: gymnasium.Env[Any, Any], steps: int, continuous: bool = False, goes_on: bool = False
 ) -> Source:
-    """Return a source of one environment.
+    """Return a source of one environment: of discrete actions, or of arrays in [-1, 1].
 
-    Args:
-        env: With discrete actions, or arrays in [-1, 1]; `types.RewardPair.of_step` and
-            `Ending.of_step` say how its rewards and endings are read.
-        steps: For each chunk.
-        continuous: Whether the learner's actions are arrays.
-        goes_on: Whether a chunk goes on where the last one stopped, so that chunks may be shorter
-            than episodes; else it begins with a seeded reset. A run that goes on can't be resumed
-            from a checkpoint with equal experience.
+    `types.RewardPair.of_step` and `Ending.of_step` say how its rewards and endings are read. A
+    chunk has `steps`. If it `goes_on` where the last one stopped, it may be shorter than episodes,
+    but a run can't be resumed from a checkpoint with equal experience; else it begins with a seeded
+    reset.
 
     Raises:
         UserError: If the actions are of another kind.
@@ -176,14 +172,11 @@ def from_env(
 def from_vector_env(
     env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int, continuous: bool = False
 ) -> Source:
-    """Return a source of environments side by side.
+    """Return a source of environments side by side, with `AutoresetMode.SAME_STEP`.
 
-    Args:
-        env: With discrete actions, or arrays in [-1, 1], and `AutoresetMode.SAME_STEP`. Its
-            info has `reward_pair`, (envs, 2), and `ending`, (envs,), values of `types.Ending`,
-            both of the step that was taken, also where a reset followed.
-        steps: For each chunk, of all environments together.
-        continuous: Whether the learner's actions are arrays.
+    Actions are discrete, or arrays in [-1, 1]. The info has `reward_pair`, (envs, 2), and `ending`,
+    (envs,), values of `types.Ending`, both of the step that was taken, also where a reset followed.
+    A chunk has `steps` of all environments together.
 
     Raises:
         UserError: If the actions are of another kind, or it resets at another time.

@@ -71,11 +71,7 @@ class ExpertTable(NamedTuple):
     ) -> ExpertTable:
         """Lay out sets of demonstrations and derive their cumulative returns.
 
-        Args:
-            datasets: The sets.
-            target_kind: Kind of "cumulative returns" of `Transitions.returns`.
-            social_discount: γ_svo of these returns.
-            continuous: Whether the learner takes continuous actions, or discrete ones.
+        `target_kind` is a kind of `Transitions.returns`, and `social_discount` its γ_svo.
 
         Raises:
             UserError: If there is none, or they differ in features or actions, or have actions of

@@ -180,14 +180,9 @@ def perceptron(
 ) -> tuple[tuple[eqx.nn.Linear, ...], Encoding | None]:
     """Draw layers, uniformly within ±1/sqrt(fan-in), and the encoding that the first one reads.
 
-    Args:
-        key: Random key.
-        n_features: Length of an observation.
-        widths: Of the hidden layers, and number of outputs.
-        view: A name of `nn.view.CHOICES`.
-        one_hot: Smallest value and number of values of each feature; none for the view.
-        times: Number of values of the time, the last feature of what a view reads.
-        extra: Inputs after the observation, those of an angle.
+    `widths` are those of the hidden layers, and the number of outputs. `one_hot` has the smallest
+    value and the number of values of each feature; `times` is the number of values of the time, the
+    last feature of what a view reads, and `extra` the inputs of an angle after the observation.
 
     Raises:
         UserError: If the view is unknown or doesn't fit the observation.

@@ -92,11 +92,7 @@ class Saved(ABC):
 
 
 def load_one_of(path: Path, classes: Sequence[type[Any]]) -> Any:
-    """Read a file of one of several classes.
-
-    Args:
-        path: The file.
-        classes: Subclasses of `Saved`; a file of none of them is refused as the last one's.
+    """Read a file of one of several subclasses of `Saved`.
 
     Raises:
         UserError: If the file is missing, damaged, or holds something else.

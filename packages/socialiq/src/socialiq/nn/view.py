@@ -277,14 +277,9 @@ def closeness(position: Any, velocity: Any) -> Any:
     which a small network learns from many rows only. The closeness is the product of two hats, 5 m
     to either side and 15 m before and behind.
 
-    Args:
-        position: Relative position along the ego's heading and to its left, in units of 100 m, last
-            axis of length 2.
-        velocity: Relative velocity, in units of 20 m/s.
-
-    Returns:
-        Last axis: for each moment the closeness, in [0, 1]; then for each the closeness times the
-        distance ahead in units of 15 m.
+    The position along the ego's heading and to its left is in units of 100 m, the velocity of 20
+    m/s, both relative, last axis of length 2. The last axis of the result has for each moment the
+    closeness, in [0, 1], then for each the closeness times the distance ahead in units of 15 m.
     """
     xp = position.__array_namespace__()
     seconds = PER_SECOND * np.asarray(SECONDS, np.float32)

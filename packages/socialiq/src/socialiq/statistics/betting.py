@@ -30,16 +30,11 @@ _FINEST = 0.05  # of the margin; levels close to it are a tenth of this apart
 
 
 def levels(margin: float, limit: float, between: bool = False) -> Levels:
-    """Return candidates of a mean, dense around a margin, chosen before there are values.
+    """Return candidates of a mean, dense around a positive margin, chosen before there are values.
 
     A bound is one of them. Its guarantee needs no finer grid: a mean that lies between two levels
-    is at least the lower one, so the test of that level covers it.
-
-    Args:
-        margin: Level that decides, positive.
-        limit: Largest absolute value of the mean.
-        between: Whether the margin lies midway between two levels, not on one: for a lower bound,
-            which must be above the margin, not on it.
+    is at least the lower one, so the test of that level covers it. For a lower bound, which must be
+    above the margin, not on it, the margin lies midway `between` two levels.
     """
     finest = _FINEST * margin
     steps = math.ceil(math.asinh((limit + margin) / finest) / _STEP)
@@ -53,14 +48,9 @@ def significantly_below(
 ) -> Bool[np.ndarray, "series level"]:
     """Test for each series and level whether the mean is below the level.
 
-    If it is not, the test says so with a chance of at most `error`.
-
-    Args:
-        values: Independent values of each series in the order of their drawing, each at most
-            `limit`. They may be arbitrarily low.
-        means: Levels, each below the limit.
-        limit: Largest value possible, positive.
-        error: Largest chance of a wrong "below", at each level, or of each level.
+    If it is not, the test says so with a chance of at most `error`, at each level, or of each
+    level. Values are independent, in the order of their drawing; each is at most `limit`, which is
+    positive and above every level, and may be arbitrarily low.
     """
     episodes = values.shape[1]
     count, columns = np.arange(1.0, episodes + 1.0), values.T
@@ -103,14 +93,9 @@ def lower_bound_of_largest(values: Series, means: Levels, limit: float, error: f
     """Return a one-sided lower bound of the largest mean, for any distribution.
 
     Each stake is on the series that was largest so far. If every mean is at most m, none of these
-    stakes can expect to gain, so the choice of the series needs no correction.
-
-    Args:
-        values: Values of each series in the same episodes, in the order of their drawing.
-        means: Rising levels, each above -limit, chosen without the values.
-        limit: Largest absolute value of a negative value, positive. With a lower one there is no
-            bound but minus infinity.
-        error: One-sided error.
+    stakes can expect to gain, so the choice of the series needs no correction. All series have the
+    same episodes, in the order of their drawing. The rising levels, each above -limit, are chosen
+    without the values. With a negative value below -limit there is no bound but minus infinity.
     """
     followed = values[leading(values), np.arange(values.shape[1])][None]
     return -float(bounds_by_betting(-followed, -means[::-1], limit, error)[0])

@@ -144,12 +144,8 @@ def at_other_times(
 ) -> Batch:
     """The same transitions at newly drawn times: the clock's feature and its timeouts change.
 
-    Args:
-        key: Random key.
-        batch: Transitions whose observations end with the time.
-        horizon: At which an episode is cut.
-        timeout_reward: r_env of a timeout itself, which is moved too.
-        share: Of the rows that get another time; the others keep theirs.
+    Observations end with the time. The horizon is where an episode is cut, and `timeout_reward` the
+    r_env of a timeout itself, which is moved too. A `share` of the rows gets another time.
     """
     time = draw_between(key, len(batch.action), 0, jnp.asarray(horizon))
     if share < 1.0:

@@ -131,16 +131,11 @@ def continuation(
     absorbing: Any,
     occupancy: Float[Array, " kind"] | None = None,
 ) -> Column:
-    """(1 - d) V(s') of Eq 2.6, with d decided for each kind of ending.
+    """(1 - d) V(s') of Eq 2.6, with d decided for each kind of ending, 0 where the episode goes on.
 
-    Args:
-        next_value: V(s').
-        ending: Kind of ending of each transition, 0 where the episode goes on.
-        treatment: For each kind "zero" (d = 1), "bootstrap" (d = 0: the episode was only cut
-            off), "absorbing" (d = 1 with the value of `absorbing_value`) or "occupancy" (d = 1
-            with that of `occupancy_value`).
-        absorbing: The value of an absorbing state.
-        occupancy: Values by kind, of `occupancy_value`; only for that treatment.
+    The treatment of a kind is "zero" (d = 1), "bootstrap" (d = 0: the episode was only cut off),
+    "absorbing" (d = 1 with the value of `absorbing_value`) or "occupancy" (d = 1 with the value of
+    its kind in `occupancy`, of `occupancy_value`).
     """
     value = next_value
     for kind, choice in treatment.items():
