@@ -13,8 +13,8 @@ from socialiq.evaluation.episodes import (
 )
 from socialiq.evaluation.simulate import play
 from socialiq.statistics.intervals import wilson
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.policies import SLOWER, policy
+from socialiq.worlds.intersection.options import SLOWER, Options
+from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Batch
 
 TURNING = (-1.0, 1.0)  # the ego's place when it has left its approach lane

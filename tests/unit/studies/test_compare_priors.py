@@ -1,7 +1,5 @@
 """The comparison of priors: each method at a tiny size, the choice of λ, the whole run."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
