@@ -48,8 +48,9 @@ def horizon_optimum(
 ) -> HorizonPolicy:
     """Maximise the expected undiscounted sum of a reward, by backward induction.
 
-    Of tied actions (`solve.greedy_policy`) the first is taken. `allowed` restricts the actions by
-    state or by time and state; a state that allows none allows all, an optimistic assumption.
+    The reward is usually R(α) of Eq 4.3. Of tied actions (`solve.greedy_policy`) the first is
+    taken. `allowed` restricts the actions by state or by time and state; a state that allows none
+    allows all, an optimistic assumption.
 
     Raises:
         UserError: If the reward or the horizon is invalid.

@@ -44,11 +44,11 @@ def value_iteration(
 ) -> Solution:
     """Solve V(s) = max_a [r(s, a) + γ E V(s')], the optimum of Eq 2.1 (thesis 5.2).
 
-    γ is in [0, 1], and 1 only if the optimum is finite. The sweeps stop where a sweep changes each
-    state's value by at most the tolerance, relative to it. Values of 1e-16, a residue of cos 90°,
-    select the thesis' altruistic expert of the 5x5 world. Values that cancel to almost 0 may
-    oscillate by a rounding error. They are ignored once the largest value has met the tolerance for
-    half of all sweeps.
+    The reward is usually R(α) of Eq 4.3. γ is in [0, 1], and 1 only if the optimum is finite. The
+    sweeps stop where one changes each state's value by at most the tolerance, relative to it.
+    Values of 1e-16, a residue of cos 90°, select the thesis' altruistic expert of the 5x5 world.
+    Values that cancel to almost 0 may oscillate by a rounding error. They are ignored once the
+    largest value has met the tolerance for half of all sweeps.
 
     Raises:
         UserError: If the reward or the discount is invalid, or the sweeps do not converge.

@@ -256,7 +256,8 @@ class Budget:
     is what a designer declares and an auditor checks, in the place of λ.
 
     `regret` measures a run's policy at the target angle. A regret of twice the budget moves log μ
-    by `step`. `path` has one `Look` for each chunk but the first, which learns at μ = 1.
+    by `step`, within `low` and `high` of μ. `path` has one `Look` for each chunk but the first,
+    which learns at μ = 1.
 
     Raises:
         UserError: If a budget is not positive, or the range of multipliers is empty.
