@@ -21,7 +21,6 @@ from gymnasium import spaces
 
 from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.world import Batch as SceneBatch
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Batch, Intersection
@@ -124,7 +123,7 @@ def effects_costs(repeats: int) -> dict[str, float]:
     return costs
 
 
-def scene_steps_per_second(batch: SceneBatch) -> float:
+def scene_steps_per_second(batch: Any) -> float:
     """Policy steps per second of a scene under random actions, resets included."""
     rounds = CORE_STEPS // batch.size
     actions = np.random.default_rng(0).integers(batch.n_actions, size=(rounds, batch.size))

@@ -1,6 +1,6 @@
 """Vehicles around the ego, and which of them its choice moves, from branches of a world alone."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ class Decision(NamedTuple):
     absent: np.ndarray  # the same without the ego, (vehicle,)
     chosen: np.ndarray  # the same with the action that was taken, (vehicle,)
     lost_actions: np.ndarray  # FeAR of the ego on the vehicle, -1 to 1, (vehicle,)
-    signals: dict[str, np.ndarray]  # of the decision, (row,)
+    signals: Mapping[str, np.ndarray]  # of the decision, (row,)
     running: np.ndarray  # which rows the decision was taken in, bool (row,)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import pearsonr, spearmanr
+from scipy.stats import rankdata
 
 from socialiq import tabulate
 from socialiq.evaluation.simulate import actor_of
@@ -19,7 +19,7 @@ from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS
-from socialiq.worlds.highway.world import RoadBatch
+from socialiq.worlds.highway.world import RoadBatch, RoadWorld
 from socialiq.worlds.registry import make_grid, open_world
 from socialiq_lab.study import Context, Findings
 from studies.influence_zone import moved
@@ -40,7 +40,7 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
     """Learn and judge the zone of each world; correlate measures of decisions with their cost."""
     zones, leaves, cells = [], [], []
     for road in config.roads:
-        world = open_world(f"{road}{CAUSED}")
+        world = road_with_effects(road)
         seeds = config.first_seed + np.arange(config.episodes)
         driven = list(moved.decisions(world, at_random(config.first_seed), seeds))
         features, hand, metres, episode = (
@@ -69,6 +69,13 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
     }
     tables = {"zones": zones, "trees": leaves, "map": cells, "correlations": correlations}
     return Findings(tables, summary)
+
+
+def road_with_effects(name: str) -> RoadWorld:
+    """Return a road whose r_social is what the ego causes."""
+    world = open_world(f"{name}{CAUSED}")
+    assert isinstance(world, RoadWorld)
+    return world
 
 
 def at_random(seed: int) -> moved.Driver:
@@ -167,7 +174,7 @@ def correlation_rows(config: Any) -> Iterator[Row]:
     (Sun, Zhan, Tomizuka and Dragan 2018, arXiv:1808.02633) is what others would drive more if the
     ego repeated its most helpful action. FeAR is summed over the vehicles.
     """
-    world = open_world(f"intersection{CAUSED}")
+    world = road_with_effects("intersection")
     weights = {name: getattr(world.options, f"{name}_weight") for name in SOCIAL_SIGNALS}
     seeds = config.first_seed + np.arange(config.episodes)
     for name, path in DIALS.items():
@@ -182,11 +189,12 @@ def correlation_rows(config: Any) -> Iterator[Row]:
                     "courtesy": decision.metres.max(axis=1) - decision.chosen,
                     "lost": decision.absent - decision.chosen,
                 }
-                values = {
+                values: dict[str, np.ndarray] = {
                     word: np.bincount(decision.episode, metres, len(seeds))
                     for word, metres in by_vehicle.items()
                 }
-                values["Eq 4.2"] = -sum(weights[word] * signals[word] for word in weights)
+                terms = [weight * signals[word] for word, weight in weights.items()]
+                values["Eq 4.2"] = -np.sum(terms, axis=0)
                 values["encounter"] = signals["encounter"]
                 for word, column in columns.items():
                     column.append(values[word][episodes])
@@ -195,9 +203,10 @@ def correlation_rows(config: Any) -> Iterator[Row]:
             joined = {word: np.concatenate(column) for word, column in columns.items()}
             for word in MEASURES:
                 row: Row = {"dial": name, "angle": angle, "measure": word}
-                row["by_decision"] = float(pearsonr(joined[word], joined["lost"]).statistic)
-                row["ranks"] = float(spearmanr(joined[word], joined["lost"]).statistic)
-                row["by_episode"] = float(pearsonr(sums[word], sums["delay"]).statistic)
+                ranks = rankdata(joined[word]), rankdata(joined["lost"])
+                row["by_decision"] = float(np.corrcoef(joined[word], joined["lost"])[0, 1])
+                row["ranks"] = float(np.corrcoef(*ranks)[0, 1])
+                row["by_episode"] = float(np.corrcoef(sums[word], sums["delay"])[0, 1])
                 yield row
 
 

@@ -29,7 +29,7 @@ FIELDS = {
 
 
 def generated():
-    """What profile.schema.json has to hold: print it as JSON after a field has changed."""
+    """Return the content of profile.schema.json: print it as JSON after a field has changed."""
     top = [field for field in code.FIELDS if "." not in field.path]
     properties = {field.path: schema_of(field) for field in top}
     for table in code.TABLES:
