@@ -15,7 +15,11 @@ VOLATILE = ("seconds", "longest", "updates_per_second", "device", "rate")
 """Columns of times, which differ from run to run."""
 VOLATILE_TABLES = ("times", "speed", "speeds")
 
-NEEDS = {"mujoco-imitation": ("mujoco",), "mo-gymnasium": ("mo_gymnasium",)}
+NEEDS = {
+    "influence-zone": ("sklearn",),
+    "mujoco-imitation": ("mujoco",),
+    "mo-gymnasium": ("mo_gymnasium",),
+}
 QUICK = ("audit-power", "off-policy", "mo-gymnasium")
 
 
