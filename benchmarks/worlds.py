@@ -29,6 +29,7 @@ from socialiq.worlds.registry import open_world
 HIGHWAY_STEPS = 150
 SINGLE_STEPS = 5_000
 CORE_STEPS = 30_000
+EFFECTS_STEPS = 10_000
 BATCH = 64  # for one thread
 WIDE_BATCH = 1024  # for two: below that they wait for one another
 DENSITIES = (0.0, 0.3, 0.6, 1.0)  # spawn probabilities
@@ -116,16 +117,19 @@ def effects_costs(repeats: int) -> dict[str, float]:
     for name in ("intersection", *SCENES):
         plain, measured = (open_world(f"{name}{end}").batch(BATCH) for end in ("", CAUSED))
         pairs = [
-            (scene_steps_per_second(plain), scene_steps_per_second(measured))
+            (
+                scene_steps_per_second(plain, EFFECTS_STEPS),
+                scene_steps_per_second(measured, EFFECTS_STEPS),
+            )
             for _ in range(repeats)
         ]
         costs[f"{name}_effects_cost"] = float(np.median([rate / slower for rate, slower in pairs]))
     return costs
 
 
-def scene_steps_per_second(batch: Any) -> float:
-    """Policy steps per second of a scene under random actions, resets included."""
-    rounds = CORE_STEPS // batch.size
+def scene_steps_per_second(batch: Any, steps: int = CORE_STEPS) -> float:
+    """Policy steps per second of a road under random actions, resets included."""
+    rounds = steps // batch.size
     actions = np.random.default_rng(0).integers(batch.n_actions, size=(rounds, batch.size))
     batch.reset(0)
     begin = time.perf_counter()
