@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
-from socialiq.demonstrations import files
+from socialiq.errors import one_of
 from socialiq.evaluation import road_training
-from socialiq.evaluation.effects import SIDE_BY_SIDE, Effects, expected_delay, measure
-from socialiq.evaluation.rollout import MODES, record
+from socialiq.evaluation.effects import Effects, expected_delay, measure
+from socialiq.evaluation.rollout import MODES
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
@@ -29,7 +29,7 @@ from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.intersection.driving import DIAL
+from socialiq_lab.intersection.driving import DIAL, atlas_demonstrations
 from socialiq_lab.intersection.training import (
     Checks,
     DialIterationRun,
@@ -99,15 +99,6 @@ class Shipped:
 
 
 @dataclass(frozen=True)
-class Demonstrating:
-    """Configuration of the experts' demonstrations, whose r_social is what they cause."""
-
-    episodes: int
-    effects: EffectOptions
-    first_seed: int = 10_000_000
-
-
-@dataclass(frozen=True)
 class Driving:
     """Configuration of the episodes of one dial."""
 
@@ -117,7 +108,7 @@ class Driving:
 
 
 @dataclass(frozen=True)
-class DrivingOf:
+class DrivingByName:
     """Configuration of the episodes of a driver by name."""
 
     driver: str
@@ -133,41 +124,29 @@ def copy_shipped(
     (folder / DIAL).write_bytes(content)
 
 
-def demonstrate(
-    config: Demonstrating, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
-    """Write the transitions of each expert of the atlas, in episodes of its own."""
-    world = Intersection(Options(), config.effects)
-    for number, mode in enumerate(MODES):
-        seeds = config.first_seed + number * config.episodes + np.arange(config.episodes)
-        expert = atlas.load(f"expert_{mode}")
-        source = {"world": world.description, "expert": expert.provenance}
-        recorded = record(world.batch(SIDE_BY_SIDE), expert, seeds, mode, source)
-        files.save(folder / f"{mode}.safetensors", recorded.transitions)
-        on_progress((number + 1) / len(MODES))
-
-
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
     """Drive a dial at each angle; write (episode, measure) arrays."""
     (trained,) = inputs.values()
-    dial = DialPolicy.load(next(trained.rglob(DIAL)))
+    dial = DialPolicy.load(next(trained.rglob(DIAL)))  # of an offline run below its seed
     world = Intersection(Options(), config.effects)
     for angle in config.angles:
-        np.save(folder / f"{angle:g}.npy", measured(measure(world, dial.at(angle), config.seeds)))
+        np.save(
+            folder / f"{angle:g}.npy", measures_of(measure(world, dial.at(angle), config.seeds))
+        )
 
 
 def drive_by_name(
-    config: DrivingOf, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
+    config: DrivingByName, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
     """Drive a rule or a policy of the atlas; write (episode, measure) arrays."""
     world = Intersection(Options(), config.effects)
     policy = driver_of(config.driver, world).policy
-    np.save(folder / MEASURED, measured(measure(world, policy, config.seeds)))
+    np.save(folder / MEASURED, measures_of(measure(world, policy, config.seeds)))
 
 
-def measured(effects: Effects) -> np.ndarray:
+def measures_of(effects: Effects) -> np.ndarray:
     """Return `MEASURES` of each episode, (episode, measure)."""
     columns = {
         "r_env": effects.totals.env,
@@ -184,7 +163,13 @@ def measured(effects: Effects) -> np.ndarray:
 
 
 def jobs(config: Config) -> list[Job]:
-    """Return the jobs: train from the start, drive every dial."""
+    """Return the jobs: train from the start and from demonstrations, drive every dial and driver.
+
+    Raises:
+        UserError: If a driver is unknown.
+    """
+    for name in config.drivers:
+        one_of("driver", name, (*Intersection.drivers, *atlas.names()))
     listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
     # A smaller budget than that of `train improve-dial`.
     structure = replace(
@@ -204,8 +189,8 @@ def jobs(config: Config) -> list[Job]:
         )
         inputs = ("dials/start",)
         listed.append(Job(f"training/{seed}", train_dial_by_iteration, run, inputs, 600.0))
-    demonstrating = Demonstrating(config.demonstrated, config.effects)
-    listed.append(Job("demonstrations/experts", demonstrate, demonstrating, (), 60.0))
+    demonstrations = atlas_demonstrations(config.demonstrated, config.effects)
+    listed.append(demonstrations)
     offline_dial = OfflineDialConfig(updates=config.offline_updates)
     for seed in config.offline_seeds:
         mixture = MixtureRuns(
@@ -214,13 +199,13 @@ def jobs(config: Config) -> list[Job]:
             seeds=(seed,),
             size=config.size,
         )
-        inputs = ("demonstrations/experts",)
+        inputs = (demonstrations.name,)
         listed.append(Job(f"offline/{seed}", train_runs, mixture, inputs, 100.0))
     driving = Driving(config.angles, config.episode_seeds, config.effects)
     for name, inputs in _dials(config):
         listed.append(Job(f"driving/{name}", drive, driving, (inputs,), 300.0))
     for name in config.drivers:
-        run = DrivingOf(name, config.episode_seeds, config.effects)
+        run = DrivingByName(name, config.episode_seeds, config.effects)
         listed.append(Job(f"drivers/{name}", drive_by_name, run, (), 30.0))
     return listed
 

@@ -5,21 +5,23 @@ A tree and a boosted ensemble learn from one half of the episodes which vehicles
 judged on the other half. One code does so for every road, and for a gridworld's states.
 """
 
+import functools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Num
 from scipy.stats import rankdata
 
-from socialiq import tabulate
+from socialiq import UserError, tabulate
 from socialiq.evaluation.simulate import actor_of
 from socialiq.foreign import optional
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.types import Row
+from socialiq.types import Policy, Row
 from socialiq.worlds.highway.effects import CAUSED
-from socialiq.worlds.highway.options import SOCIAL_SIGNALS
-from socialiq.worlds.highway.world import RoadBatch, RoadWorld
+from socialiq.worlds.highway.options import SOCIAL_SIGNALS, RoadOptions
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import make_grid, open_world
 from socialiq_lab.study import Context, Findings
 from studies.influence_zone import moved
@@ -31,18 +33,33 @@ DIALS = {
 """Committed dials whose decisions are compared."""
 MEASURES = "Eq 4.2", "encounter", "FeAR", "courtesy"
 DEPTH = 4  # of the small tree
-CHANGES = 0.3  # chance that the random driver of the rows draws another action
 LEAVES = 4  # of a tree, that a table has
 CELL, SIDE = 10, 40  # m, of a cell of the map, and to which it goes on each side
 
 
 def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
-    """Learn and judge the zone of each world; correlate measures of decisions with their cost."""
+    """Learn and judge the zone of each world; correlate measures of decisions with their cost.
+
+    Raises:
+        UserError: If scikit-learn is missing, a road or an angle is none, or there are fewer than
+            two episodes.
+    """
+    _scikit_learn()
+    if config.episodes < 2:
+        raise UserError(
+            f"episodes must be at least 2, half of them to learn from, got {config.episodes}"
+        )
+    worlds = {road: road_with_effects(road) for road in config.roads}
+    dials = {
+        (name, angle): DialPolicy.load(packaged_results() / path).at(angle)
+        for name, path in DIALS.items()
+        for angle in config.angles
+    }
+    seeds = config.first_seed + np.arange(config.episodes)
     zones, leaves, cells = [], [], []
-    for road in config.roads:
-        world = road_with_effects(road)
-        seeds = config.first_seed + np.arange(config.episodes)
-        driven = list(moved.decisions(world, at_random(config.first_seed), seeds))
+    for road, world in worlds.items():
+        at_random = functools.partial(moved.RandomActor, seed=config.first_seed)
+        driven = list(moved.decisions(world, at_random, seeds))
         features, hand, metres, episode = (
             np.concatenate([getattr(decision, name) for decision in driven])
             for name in ("features", "in_hand_zone", "metres", "episode")
@@ -52,14 +69,17 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
         zones.append({"world": road} | row)
         leaves += [{"world": road} | leaf for leaf in leaf_rows(tree, moved.ROAD_FEATURES)]
         cells += [{"world": road} | cell for cell in map_rows(features, spread > moved.MOVED)]
-    table = tabulate(make_grid("crossing7"))
-    features, is_moved = moved.grid_vehicles(table)
-    chosen = np.random.default_rng(config.first_seed).random(len(features)) < 0.5
+    features, is_moved = moved.grid_vehicles(tabulate(make_grid("crossing7")))
+    learning = np.random.default_rng(config.first_seed).random(len(features)) < 0.5
     hand = (features[:, 0] == 2) & (features[:, 2] < 3)  # thesis 5.1.2: before the conflict cell
-    row, tree = learned_zone(features, is_moved, hand, chosen, 0.5)
+    row, tree = learned_zone(features, is_moved * 1.0, hand, learning, 0.5)
     zones.append({"world": "crossing7"} | row)
     leaves += [{"world": "crossing7"} | leaf for leaf in leaf_rows(tree, moved.GRID_FEATURES)]
-    correlations = list(correlation_rows(config))
+    correlations = [
+        {"dial": name, "angle": angle} | row
+        for (name, angle), policy in dials.items()
+        for row in correlation_rows(policy, seeds)
+    ]
     summary = {
         "zones": {row["world"]: row for row in zones},
         "correlations": {
@@ -71,6 +91,14 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
     return Findings(tables, summary)
 
 
+def _scikit_learn() -> list[Any]:
+    """Return scikit-learn's modules of ensembles, trees and metrics."""
+    return [
+        optional(f"sklearn.{name}", "prediction", "the learned zone", "socialiq-recordings")
+        for name in ("ensemble", "tree", "metrics")
+    ]
+
+
 def road_with_effects(name: str) -> RoadWorld:
     """Return a road whose r_social is what the ego causes."""
     world = open_world(f"{name}{CAUSED}")
@@ -78,39 +106,25 @@ def road_with_effects(name: str) -> RoadWorld:
     return world
 
 
-def at_random(seed: int) -> moved.Driver:
-    """Return a driver who repeats an action for some decisions, and then draws another one."""
-    generator = np.random.default_rng(seed)
-    held: np.ndarray = np.zeros(0, np.int64)
-
-    def drive(batch: RoadBatch, _running: np.ndarray) -> np.ndarray:
-        nonlocal held
-        drawn_actions = generator.integers(0, batch.n_actions, batch.size)
-        changes = generator.random(batch.size) < CHANGES
-        held = np.where(changes, drawn_actions, held) if len(held) else drawn_actions
-        return held
-
-    return drive
-
-
 def learned_zone(
-    features: np.ndarray, spread: np.ndarray, hand: np.ndarray, train: np.ndarray, least: float
+    features: Num[np.ndarray, "vehicle feature"],
+    spread: Float[np.ndarray, " vehicle"],
+    hand: Bool[np.ndarray, " vehicle"],
+    train: Bool[np.ndarray, " vehicle"],
+    least: float,
 ) -> tuple[Row, Any]:
     """Learn which vehicles are moved by at least so much; return how it is judged, and the tree.
 
     The learned zone has as many of the vehicles that were held out as the zone by hand.
 
     Args:
-        features: Of each vehicle, (vehicle, feature).
-        spread: Metres that hinge on the choice, (vehicle,).
-        hand: Whether the zone of the thesis has the vehicle, (vehicle,).
-        train: Vehicles that are learned from, bool (vehicle,).
+        features: Of each vehicle.
+        spread: Metres that hinge on the choice.
+        hand: Whether the zone of the thesis has the vehicle.
+        train: Vehicles that are learned from.
         least: Metres from which a vehicle is moved.
     """
-    ensemble, trees, metrics = (
-        optional(f"sklearn.{name}", "prediction", "the learned zone", "socialiq-recordings")
-        for name in ("ensemble", "tree", "metrics")
-    )
+    ensemble, trees, metrics = _scikit_learn()
     is_moved, test = spread > least, ~train
     boosted = ensemble.HistGradientBoostingClassifier(max_iter=80, random_state=0)
     tree = trees.DecisionTreeClassifier(max_depth=DEPTH, random_state=0)
@@ -166,57 +180,50 @@ def map_rows(features: np.ndarray, is_moved: np.ndarray) -> Iterator[Row]:
                 yield place | {"vehicles": int(there.sum()), "moved": share}
 
 
-def correlation_rows(config: Any) -> Iterator[Row]:
-    """Yield what measures of decisions say about the metres that others lose.
+def correlation_rows(policy: Policy, seeds: np.ndarray) -> Iterator[Row]:
+    """Yield what measures of decisions say about the metres that others lose at the intersection.
 
     By decision: in the look ahead, less than without the ego. By episode: the sum of the measure
-    against the delay to the common end. The cost by Eq 4.2 is that of the decision itself. Courtesy
-    (Sun, Zhan, Tomizuka and Dragan 2018, arXiv:1808.02633) is what others would drive more if the
-    ego repeated its most helpful action. FeAR is summed over the vehicles.
+    against the delay to the common end.
     """
+    decisions: dict[str, list[np.ndarray]] = {name: [] for name in (*MEASURES, "lost")}
+    sums = {name: np.zeros(len(seeds)) for name in (*MEASURES, "delay")}
     world = road_with_effects("intersection")
-    weights = {name: getattr(world.options, f"{name}_weight") for name in SOCIAL_SIGNALS}
-    seeds = config.first_seed + np.arange(config.episodes)
-    for name, path in DIALS.items():
-        dial = DialPolicy.load(packaged_results() / path)
-        for angle in config.angles:
-            columns: dict[str, list[np.ndarray]] = {word: [] for word in (*MEASURES, "lost")}
-            sums = {word: np.zeros(len(seeds)) for word in (*MEASURES, "delay")}
-            for decision in moved.decisions(world, driven_by(dial.at(angle)), seeds):
-                signals, episodes = decision.signals, np.unique(decision.episode)
-                by_vehicle = {
-                    "FeAR": decision.lost_actions,
-                    "courtesy": decision.metres.max(axis=1) - decision.chosen,
-                    "lost": decision.absent - decision.chosen,
-                }
-                values: dict[str, np.ndarray] = {
-                    word: np.bincount(decision.episode, metres, len(seeds))
-                    for word, metres in by_vehicle.items()
-                }
-                terms = [weight * signals[word] for word, weight in weights.items()]
-                values["Eq 4.2"] = -np.sum(terms, axis=0)
-                values["encounter"] = signals["encounter"]
-                for word, column in columns.items():
-                    column.append(values[word][episodes])
-                for word, total in sums.items():
-                    total += np.where(decision.running, {**signals, **values}[word], 0.0)
-            joined = {word: np.concatenate(column) for word, column in columns.items()}
-            for word in MEASURES:
-                row: Row = {"dial": name, "angle": angle, "measure": word}
-                ranks = rankdata(joined[word]), rankdata(joined["lost"])
-                row["by_decision"] = float(np.corrcoef(joined[word], joined["lost"])[0, 1])
-                row["ranks"] = float(np.corrcoef(*ranks)[0, 1])
-                row["by_episode"] = float(np.corrcoef(sums[word], sums["delay"])[0, 1])
-                yield row
+    for decision in moved.decisions(world, lambda batch: actor_of(batch, policy), seeds):
+        values, rows = costs_of(decision, world.options), np.unique(decision.episode)
+        for name, column in decisions.items():
+            column.append(values[name][rows])
+        for name, total in sums.items():
+            total += np.where(decision.running, values[name], 0.0)
+    columns = {name: np.concatenate(column) for name, column in decisions.items()}
+    for name in MEASURES:
+        ranks = rankdata(columns[name]), rankdata(columns["lost"])
+        yield {
+            "measure": name,
+            "by_decision": float(np.corrcoef(columns[name], columns["lost"])[0, 1]),
+            "ranks": float(np.corrcoef(*ranks)[0, 1]),
+            "by_episode": float(np.corrcoef(sums[name], sums["delay"])[0, 1]),
+        }
 
 
-def driven_by(policy: Any) -> moved.Driver:
-    """Return the driver of a policy."""
-    actors: list[Any] = []
+def costs_of(decision: moved.Decision, options: RoadOptions) -> dict[str, np.ndarray]:
+    """Return what a decision costs others by each measure, "lost" and "delay", by row.
 
-    def drive(batch: RoadBatch, running: np.ndarray) -> np.ndarray:
-        if not actors:
-            actors.append(actor_of(batch, policy))
-        return actors[0].decide(batch.observation, running)
-
-    return drive
+    The cost by Eq 4.2 is that of the decision itself. Courtesy (Sun, Zhan, Tomizuka and Dragan
+    2018, arXiv:1808.02633) is what others would drive more if the ego repeated its most helpful
+    action. FeAR is summed over the vehicles.
+    """
+    by_vehicle = {
+        "FeAR": decision.lost_actions,
+        "courtesy": decision.metres.max(axis=1) - decision.chosen,
+        "lost": decision.absent - decision.chosen,
+    }
+    costs: dict[str, np.ndarray] = {
+        name: np.bincount(decision.episode, values, len(decision.running))
+        for name, values in by_vehicle.items()
+    }
+    social = [
+        getattr(options, f"{name}_weight") * decision.signals[name] for name in SOCIAL_SIGNALS
+    ]
+    costs["Eq 4.2"] = -np.sum(social, axis=0)
+    return costs | {name: decision.signals[name] for name in ("encounter", "delay")}

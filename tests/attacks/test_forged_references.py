@@ -7,6 +7,7 @@ that plain `audit verify` confirmed and `audit sign` signed.
 import csv
 import io
 import json
+import re
 
 import pytest
 from cryptography.hazmat.primitives import serialization
@@ -97,7 +98,7 @@ def failed(place, tmp_path_factory):
         (optimum_expects_less, "exact numbers of optimum_00"),
         (strong_ones_are_dropped, "optimum_00 is missing"),
         (strong_ones_pass_as_the_policy, "the record of optimum_00"),
-        (strong_ones_are_weakened, "optimum_00 drives 10"),
+        (strong_ones_are_weakened, r"optimum_00 drives (\d+) of \1 episodes otherwise"),
         (an_invented_one_is_the_best, "no one named the reference invented"),
         (an_invented_one_is_the_users, "no one named the reference invented"),
     ],
@@ -113,7 +114,7 @@ def test_a_fail_becomes_no_pass(failed, reseal, tmp_path, capsys, change, says):
     assert fresh["tests"]["regret"]["decision"] == "pass"
     capsys.readouterr()
     assert main(["audit", "verify", str(copy)]) == 1
-    assert says in capsys.readouterr().err
+    assert re.search(says, capsys.readouterr().err)
     if change is not optimum_expects_less:
         return
     key = tmp_path / "key.pem"
@@ -140,7 +141,7 @@ def test_effects_of_a_reference_are_driven_again(passed, reseal, tmp_path, capsy
     copy = reseal(made_up, tmp_path / "forged", lambda told: told.update(fresh))
     capsys.readouterr()
     assert main(["audit", "verify", str(copy)]) == 1
-    assert "optimum_01 drives 10" in capsys.readouterr().err
+    assert re.search(r"optimum_01 drives (\d+) of \1 episodes otherwise", capsys.readouterr().err)
 
 
 def test_one_line_says_what_is_left_to_believe(passed, capsys):

@@ -103,6 +103,59 @@ def test_value_iteration_solves_a_world_of_the_thesis_size_to_the_last_digit(ran
     np.testing.assert_allclose(found.v, backup, rtol=1e-11)
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_reward_follows_from_the_values(seed, random_mdp):
+    _, mdp, reward = make(seed, random_mdp)
+    q, v, _, _ = solve.value_iteration(mdp, reward, 0.95)
+    np.testing.assert_allclose(solve.bellman_reward(mdp, q, v, 0.95), reward, atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_evaluation_equals_iterated_backups(seed, random_mdp, random_policy):
+    rng, mdp, reward = make(seed, random_mdp)
+    policy = random_policy(rng, 9, 3)
+    q, v, sweeps, residual = solve.evaluate_policy(mdp, policy, reward, 0.9)
+    iterated = np.zeros(9)
+    for _ in range(400):
+        iterated = (policy * (reward + 0.9 * mdp.expected_next(iterated))).sum(axis=1)
+    np.testing.assert_allclose(v, iterated, atol=1e-11)
+    np.testing.assert_allclose(q, reward + 0.9 * mdp.expected_next(v), atol=1e-12)
+    assert sweeps == 0
+    assert residual < 1e-12
+
+
+def test_undiscounted_evaluation_by_hand(small_road):
+    # From 0 the policy waits half the time: two steps before it goes, once going.
+    policy = np.array([[0.5, 0.5], [0.0, 1.0], [1.0, 0.0]])
+    v = solve.evaluate_policy(small_road, policy, small_road.rewards.env, 1.0).v
+    # v0 = -1 + .5 v0 + .5 * .75 * 10, v2 = (v0 + v1) / 2.
+    np.testing.assert_allclose(v, [5.5, 10.0, 7.75], rtol=1e-12)
+
+
+def test_undiscounted_evaluation_of_a_policy_that_never_ends_is_refused(small_road):
+    waits = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    with pytest.raises(UserError, match="never ends"):
+        solve.evaluate_policy(small_road, waits, small_road.rewards.env, 1.0)
+    assert solve.evaluate_policy(small_road, waits, small_road.rewards.env, 0.5).v[0] == -2.0
+
+
+def test_greedy_takes_the_first_or_last_of_relative_ties():
+    q = np.array(
+        [
+            [1.0, 1.0 + 1e-13, 0.0],
+            [1.0, 1.0 + 1e-11, 0.0],
+            [1e-16, 3e-16, -1.0],
+            [-2.0, -2.0, -2.0],
+            [0.0, 0.0, -1e-300],
+        ]
+    )
+    first = solve.greedy_policy(q)
+    last = solve.greedy_policy(q, prefer="last")
+    assert first.argmax(axis=1).tolist() == [0, 1, 1, 0, 0]
+    assert last.argmax(axis=1).tolist() == [1, 1, 1, 2, 1]
+    assert first.sum(axis=1).tolist() == [1.0] * 5
+
+
 @pytest.mark.parametrize("temperature", [0.02, 1.0, 20.0])
 def test_soft_value_is_logsumexp(temperature):
     q = np.random.default_rng(0).normal(size=(20, 4)) * 30

@@ -1,5 +1,7 @@
 """The learned influence zone: what a choice moves is known in a gridworld and in plain cases."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,10 @@ from socialiq import tabulate
 from socialiq.worlds.intersection.options import VEHICLE
 from socialiq.worlds.registry import make_grid, open_world
 from studies.influence_zone import moved
-from studies.influence_zone.study import at_random
+
+
+def at_random(seed: int) -> moved.ActorOn:
+    return functools.partial(moved.RandomActor, seed=seed)
 
 
 def planted_zone(features: np.ndarray, options: dict[str, str]) -> np.ndarray:

@@ -22,6 +22,7 @@ from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, save_arrays, write_atomically
 from socialiq.types import Row
+from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch, Intersection
@@ -185,6 +186,8 @@ class Recording(Driving):
     first_seed: int = 10_000_000
     sha256: tuple[str, ...] = ()
     """SHA-256 of the experts of the atlas; none for experts that the inputs hold."""
+    effects: EffectOptions | None = None
+    """Of an r_social that is what the expert causes, in the place of Eq 4.2."""
 
 
 def record_experts(
@@ -199,25 +202,28 @@ def record_experts(
         for name, trained in inputs.items()
         for driver in drivers_of(config, {name: trained}).values()
     ] or [atlas.load(f"expert_{mode}") for mode in MODES]
+    world = Intersection(config.options, config.effects)
     for number, (mode, policy) in enumerate(zip(MODES, experts, strict=True)):
-        source = {"world": Intersection(config.options).description, "expert": policy.provenance}
+        source = {"world": world.description, "expert": policy.provenance}
         seeds = config.seeds + number * config.episodes
-        recorded = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
+        recorded = record(world.batch(BATCH), policy, seeds, mode, source)
         files.save(folder / f"{mode}.safetensors", recorded.transitions)
         classical = {"own": recorded.classical.env, "others": recorded.classical.social}
         save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
         on_progress((number + 1) / len(experts))
 
 
-def atlas_demonstrations(episodes: int) -> Job:
+def atlas_demonstrations(episodes: int, effects: EffectOptions | None = None) -> Job:
     """Return the job that records demonstrations for studies without experts of their own.
+
+    With `effects` their r_social is what the expert causes.
 
     Raises:
         UserError: If the atlas did not come with the package.
     """
     entries = atlas.manifest()
     sha256 = tuple(entries[f"expert_{mode}"]["sha256"] for mode in MODES)
-    recording = Recording(episodes=episodes, sha256=sha256)
+    recording = Recording(episodes=episodes, sha256=sha256, effects=effects)
     return Job(DEMONSTRATIONS, record_experts, recording, cost=20.0)
 
 

@@ -21,9 +21,10 @@ ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 
 
 def evaluate_data(command: Any, policies: Sequence[str], data: Path) -> int:
-    """Evaluate policies of a command on a file of demonstrations, and print.
+    """Evaluate policies on a file of demonstrations, and print.
 
-    What the data can't support is said on standard error.
+    The command has `soft` (whether policies draw from softmax(Q/τ)), `seed` (of the bootstrap),
+    `allow_code` and `json`. What the data can't support is said on standard error.
     """
     logged = Logged.of(files.load(data))
     evaluator = Evaluator(logged, resamples=200, seed=command.seed)

@@ -289,7 +289,13 @@ def plain_actions(values: Any) -> Shaped[np.ndarray, "row ..."]:
 def actions_of(
     values: Any, n_actions: int, bounds: Bounds | None
 ) -> Shaped[np.ndarray, "row ..."] | Float32[np.ndarray, "row size"]:
-    """Return the column of actions of a table: int32, or float32 vectors in [-1, 1]."""
+    """Return the column of actions of a table: int32, or float32 vectors in [-1, 1].
+
+    Continuous actions have an `n_actions` of 0, and `bounds` in their units, or None for -1 to 1.
+
+    Raises:
+        UserError: If the values are of another kind, or an action is out of range.
+    """
     actions = plain_actions(values)
     if n_actions and actions.ndim == 2:
         raise UserError(

@@ -151,7 +151,14 @@ def _by_trajectory(rows: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
 
 
 def condensed(arrays: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the trajectories of `imitation`'s older archive; its pickled infos aren't read."""
+    """Return the trajectories of `imitation`'s older archive, which has them end to end.
+
+    `indices` has the first step of each but the first. The archive's `infos` are pickled and never
+    read, so its time limits are known by `time_limit` alone.
+
+    Raises:
+        UserError: If an array is missing, or they don't fit each other.
+    """
     missing = [name for name in ("obs", "acts", "terminal", "indices") if name not in arrays]
     if missing:
         raise UserError(f"no {', '.join(missing)}: save obs, acts, terminal and indices")

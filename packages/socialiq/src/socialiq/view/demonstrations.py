@@ -172,7 +172,11 @@ _FAR = 1e6
 def scenes_of(
     observations: Float32[np.ndarray, "time feature"], seconds: float
 ) -> list[list[list[float | int]]]:
-    """Return x, y in m, heading in rad, speed in m/s and a lasting number, by time and vehicle."""
+    """Return the vehicles of the ego's observations, so many seconds apart; a clock is ignored.
+
+    By time, there is a row for each vehicle, the ego first: x, y in m, heading in rad, speed in
+    m/s, and a number that the same vehicle keeps.
+    """
     rows = len(FEATURES) * (observations.shape[1] // len(FEATURES))
     before, names, scenes = np.empty((0, 7)), np.empty(0, int), []
     next_name = 0

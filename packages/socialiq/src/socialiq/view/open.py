@@ -41,6 +41,9 @@ _OF_RECORDINGS = "socialiq_recordings.view:recording_view"
 def opened(what: str, angle: float | None, trust: Trust) -> View:
     """Return a policy or a file as content of the page; the angle of a dial is in degrees.
 
+    It may be the folder of an audit, a file of demonstrations or of recorded traffic, or a policy
+    as `audit.request.resolve_policy` takes it. `trust` are the permissions of one that is code.
+
     Raises:
         UserError: If it can't be read, is of another world, or an angle is given that has no use.
     """

@@ -103,6 +103,11 @@ class RoadBatch(abc.ABC):
     def _core(self) -> tuple[Any, Any, np.ndarray]:
         """Return the module of the road's core, its tables for that, and its lanes."""
 
+    @property
+    def lanes(self) -> np.ndarray:
+        """Records of the road's lanes, by the number that a vehicle has."""
+        return self._core()[2]
+
     @abc.abstractmethod
     def like(self, size: int) -> RoadBatch:
         """Return a batch of so many episodes of the same road."""
@@ -214,7 +219,7 @@ class RoadBatch(abc.ABC):
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
         buffers, left = self.buffers, np.zeros(self.size, bool)
-        step.off_road(self._core()[2], buffers.after, buffers.present, left, 0, self.size)
+        step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
         return Decisions(
             observation=buffers.reached.reshape(self.size, -1).copy(),
             rewards=RewardPair(*buffers.rewards.T.copy()),
