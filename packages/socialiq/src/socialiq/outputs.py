@@ -151,8 +151,10 @@ def whole_folder(folder: Path, replace: bool = False) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def check_output_folder(folder: Path, replace: bool) -> bool:
+def check_output_folder(folder: Path, replace: bool | None = None) -> bool:
     """Refuse an output folder that can't be written, before any work is done.
+
+    A command without --replace leaves `replace` out.
 
     Returns:
         Whether the folder has content, which may be replaced.
@@ -167,7 +169,8 @@ def check_output_folder(folder: Path, replace: bool) -> bool:
     if not folder.exists() or not any(folder.iterdir()):
         return False
     if not replace:
-        raise UserError(f"{folder} exists already: name a new folder, or add --replace")
+        mend = "remove it first" if replace is None else "add --replace"
+        raise UserError(f"{folder} exists already: name a new folder, or {mend}")
     return True
 
 

@@ -76,7 +76,7 @@ class EffectsOf(Printing):
         if self.angle and all(angle is None for _, angle in self.drivers()):
             raise UserError("--angle is of dials: name a dial's file by --policy, or leave it out")
         if self.out:
-            check_output_folder(self.out, replace=False)
+            check_output_folder(self.out)
         episodes: list[Row] = []
         rows, about = self.exact() if self.world in GRIDWORLDS else self.driven(episodes)
         result = {"world": self.world, **about, "drivers": rows}
