@@ -12,8 +12,8 @@ PEOPLE = "[passenger]\nweight = 1.0\nr_env = 1.0\n[others]\nweight = 2.0\ndelay 
 @pytest.fixture
 def files(tmp_path):
     rows = ["policy,angle,seed,r_env,delay"]
-    for setting, r_env, delay in (("a/dial.safetensors,0.0", 9, 8), ("a/dial.safetensors,45.0", 8, 4),
-                                  ("wait,", 1, 60)):  # fmt: skip
+    settings = ("dial.safetensors,0.0", 9, 8), ("dial.safetensors,45.0", 8, 4), ("wait,", 1, 60)
+    for setting, r_env, delay in settings:
         rows += [f"{setting},{seed},{r_env + seed % 2},{delay - seed % 3}" for seed in range(30)]
     (tmp_path / "episodes.csv").write_text("\n".join(rows) + "\n")
     (tmp_path / "people.toml").write_text(PEOPLE)
@@ -45,7 +45,7 @@ def test_json_and_folder_agree(files, tmp_path, capsys):
     [
         (["--resamples", "3"], "--resamples 3"),
         (["--seed", "-1"], "seed"),
-        (["--out", "."], "is the"),
+        (["--out", "."], "is no new place"),
     ],
 )
 def test_mistakes_are_one_line(files, words, says, capsys):

@@ -123,7 +123,7 @@ def joint_moves() -> Moves:
     return Moves((after[0], after[1]), (r_env[0], r_env[1]), collision, ~arrived[0], is_over)
 
 
-def _weighted(weights: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+def _weighted(weights: np.ndarray, driver: np.ndarray, other_driver: np.ndarray) -> np.ndarray:
     """Return cos α · own + sin α · other's (thesis 4.2), by game."""
     cosine, sine = weights.T[..., None, None, None, None]
-    return cosine * own + sine * others
+    return cosine * driver + sine * other_driver
