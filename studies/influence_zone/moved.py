@@ -78,7 +78,7 @@ def decisions(world: RoadWorld, actor_on: ActorOn, seeds: np.ndarray) -> Iterato
         batch.measure(ABSENT, running)
         ahead[..., -1] = ledger.ahead[..., 1]
         row, slot, features = _vehicles(batch, running)
-        vehicles, egos = batch.buffers.vehicles, batch.buffers.episodes["ego"]
+        vehicles, egos = batch.buffers.vehicles, batch.buffers.episodes["controlled"][:, 0]
         metres = ahead[row, vehicles["identity"][row, slot]]
         stays = ~np.isnan(metres).any(axis=1)
         row, slot, features, metres = row[stays], slot[stays], features[stays], metres[stays]
@@ -106,9 +106,9 @@ def _vehicles(batch: RoadBatch, running: np.ndarray) -> tuple[np.ndarray, np.nda
     assert batch.ledger is not None
     slots = np.arange(vehicles.shape[1])
     present = running[:, None] & (slots < episodes["vehicles"][:, None])
-    present &= (slots != episodes["ego"][:, None]) & ~vehicles["crashed"]
+    present &= (slots != episodes["controlled"][:, :1]) & ~vehicles["crashed"]
     row, slot = np.nonzero(present)
-    ego, vehicle = vehicles[row, episodes["ego"][row]], vehicles[row, slot]
+    ego, vehicle = vehicles[row, episodes["controlled"][row, 0]], vehicles[row, slot]
     dx, dy = vehicle["x"] - ego["x"], vehicle["y"] - ego["y"]
     east, north = np.cos(ego["heading"]), np.sin(ego["heading"])
     columns = (
@@ -125,7 +125,7 @@ def _vehicles(batch: RoadBatch, running: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _ego_in_zone(batch: RoadBatch, row: int) -> bool:
     """Whether an ego is in the influence zone of Eq 4.2, by the default zone of a road."""
-    ego = batch.buffers.vehicles[row, batch.buffers.episodes["ego"][row]]
+    ego = batch.buffers.vehicles[row, batch.buffers.episodes["controlled"][:, 0][row]]
     lane: Any = batch.lanes.view(np.recarray)[ego["lane"]]
     settings: Any = settings_of(batch.options).view(np.recarray)[0]
     along = longitudinal(lane, ego["x"], ego["y"])

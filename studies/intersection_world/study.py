@@ -77,7 +77,7 @@ def start_row(first: int, count: int, threads: int = 1) -> Row:
     """Return the number of vehicles at the start, the ego included, and the ego's progress."""
     batch = Intersection(Options()).batch(count, threads)
     batch.reset(np.arange(first, first + count))
-    present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"]
+    present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"][:, 0]
     return {
         "episodes": count,
         "vehicles_mean": float(present.mean()),

@@ -326,13 +326,13 @@ def test_an_ending_is_read_from_highway_env():
     options = ContinuousOptions(actions="continuous_steering", offroad_terminal=True)
     real = Batch(options, 1, back_end="highway_env")
     real.reset([0])
-    (row,) = real._real.rows
+    (row,) = real.real.rows
     row.environment.config["offroad_terminal"] = False
     made = real.step(np.array([[0.0, 1.0]]), auto_reset=False)
     assert made.off_road[0] and made.ending[0] == Ending.NONE
     real = Batch(ContinuousOptions(actions="continuous_steering"), 1, back_end="highway_env")
     real.reset([0])
-    (row,) = real._real.rows
+    (row,) = real.real.rows
     row.environment.config["offroad_terminal"] = True
     assert real.step(np.array([[0.0, 1.0]]), auto_reset=False).ending[0] == Ending.OTHER
 

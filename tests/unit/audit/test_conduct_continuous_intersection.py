@@ -111,6 +111,6 @@ def test_rules_accelerate_within_the_bounds_and_never_drive_backwards(name, size
         action, _ = driver.predict(batch.observation)
         assert action.shape == (20, size) and action.dtype == np.float32
         batch.step(action)
-        ego = batch.buffers.episodes["ego"]
+        ego = batch.buffers.episodes["controlled"][:, 0]
         slowest = min(slowest, batch.buffers.vehicles["speed"][np.arange(20), ego].min())
     assert slowest > -1e-3 or name == "random"

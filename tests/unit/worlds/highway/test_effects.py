@@ -45,7 +45,7 @@ def constant(batch, action):
 def test_an_ego_far_away_causes_nothing(road):
     batch = started(road)
     state, rows = batch.save(), np.arange(batch.size)
-    ego = state.episodes["ego"]
+    ego = state.episodes["controlled"][:, 0]
     for name, value in {"x": 9000.0, "y": 9000.0, "speed": 0.0, "target_speed": 0.0}.items():
         state.vehicles[name][rows, ego] = value
     batch.restore(state)
@@ -57,8 +57,8 @@ def test_an_ego_far_away_causes_nothing(road):
 def test_an_ego_alone_causes_nothing():
     batch = started("intersection", spawn_probability=0.0)
     state, rows = batch.save(), np.arange(batch.size)
-    state.vehicles[:, 0] = state.vehicles[rows, state.episodes["ego"]]
-    state.episodes["vehicles"], state.episodes["ego"] = 1, 0
+    state.vehicles[:, 0] = state.vehicles[rows, state.episodes["controlled"][:, 0]]
+    state.episodes["vehicles"], state.episodes["controlled"][:, 0] = 1, 0
     batch.restore(state)
     batch.measure(BEGIN, np.ones(batch.size, bool))
     sums, _ = driven(batch, constant(batch, batch.faster))
@@ -101,7 +101,7 @@ def test_a_look_ahead_with_the_own_action_is_the_step(road):
         batch.step(np.full(batch.size, action), auto_reset=False)
         now, compared = batch.buffers, 0
         for row in range(batch.size):
-            ego = now.episodes["ego"][row]
+            ego = now.episodes["controlled"][row, 0]
             for slot in np.delete(np.arange(now.episodes["vehicles"][row]), ego):
                 vehicle = now.vehicles[row, slot]
                 assert ahead[row, vehicle["identity"]] == vehicle["speed"]

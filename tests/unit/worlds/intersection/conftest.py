@@ -17,7 +17,7 @@ def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.n
     record = np.zeros((), VEHICLE)
     heading = math.radians(degrees)
     place = {"x": x, "y": y, "heading": heading, "speed": speed}
-    for name, value in {**place, "desired_speed": math.inf, **fields}.items():
+    for name, value in {**place, "desired_speed": math.inf, "agent": -1, **fields}.items():
         record[name] = value
     record["along_x"], record["along_y"] = (
         round(math.cos(heading), 15),

@@ -330,7 +330,7 @@ def test_an_unseeded_reset_goes_on_with_the_stream(batch):
 def test_the_ego_goes_where_the_option_says(destination, arms):
     batch = Batch(Options(destination=destination), 30)
     batch.reset(0)
-    egos = batch.buffers.vehicles[np.arange(30), batch.buffers.episodes["ego"]]
+    egos = batch.buffers.vehicles[np.arange(30), batch.buffers.episodes["controlled"][:, 0]]
     assert set(egos["destination"].tolist()) == arms
 
 

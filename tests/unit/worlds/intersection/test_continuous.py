@@ -39,7 +39,7 @@ def test_values_mean_commands():
 @pytest.mark.parametrize("value", [1.0, 0.3, -0.4])
 def test_acceleration_alone_drives_straight_on(value):
     batch = begun(ContinuousOptions(), size=20)
-    ego = batch.buffers.vehicles[np.arange(20), batch.buffers.episodes["ego"]].copy()
+    ego = batch.buffers.vehicles[np.arange(20), batch.buffers.episodes["controlled"][:, 0]].copy()
     made = batch.step(np.full((20, 1), value))
     later = ego_of(batch)[~(whole := made.contact > 0)]
     np.testing.assert_allclose(later["speed"], 10.0 + 5.0 * value)
@@ -103,7 +103,7 @@ def test_the_start_is_that_of_discrete_actions():
 def test_a_random_destination_is_drawn():
     options = ContinuousOptions(actions="continuous_steering", destination="random")
     batch = begun(options, 50)
-    ego = batch.buffers.vehicles[np.arange(50), batch.buffers.episodes["ego"]]
+    ego = batch.buffers.vehicles[np.arange(50), batch.buffers.episodes["controlled"][:, 0]]
     assert set(ego["destination"].tolist()) == {1, 2, 3}
 
 

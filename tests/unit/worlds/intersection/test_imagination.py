@@ -48,11 +48,13 @@ def test_the_ego_is_first_and_goes_where_it_was_told(driven):
     state = _imagined(driven, 1)
     real = driven.save()
     ego = state.vehicles[:, 0]
-    assert (state.episodes["ego"] == 0).all()
+    assert (state.episodes["controlled"][:, 0] == 0).all()
     on_exit = ego["lane"] % 5 == 4
     assert (ego["destination"] == 1)[~on_exit].all()  # left of the south
     rows = np.arange(N)
-    np.testing.assert_allclose(ego["x"], real.vehicles[rows, real.episodes["ego"]]["x"], atol=1e-4)
+    np.testing.assert_allclose(
+        ego["x"], real.vehicles[rows, real.episodes["controlled"][:, 0]]["x"], atol=1e-4
+    )
 
 
 def test_who_is_on_an_approach_may_go_anywhere(driven):

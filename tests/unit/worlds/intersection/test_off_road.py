@@ -166,6 +166,7 @@ def test_egos_with_discrete_actions_stay_on_the_road():
 
 def test_every_row_is_written(car):
     vehicles = np.array([[car(2.0, 40.0, -90.0, 0.0), car(9.0, 40.0, -90.0, 0.0)]] * 3)
-    found = np.zeros(3, bool)
-    write_off_road(LANES, vehicles, np.array([[2, 0], [2, 1], [2, 0]]), found, 0, 3)
-    assert found.tolist() == [False, True, False]
+    found = np.zeros((3, 2), bool)
+    present = np.array([[2, 0, 1], [2, 1, 0], [2, 0, -1]])  # of the last row one agent has left
+    write_off_road(LANES, vehicles, present, found, 0, 3)
+    assert found.tolist() == [[False, True], [True, False], [False, False]]

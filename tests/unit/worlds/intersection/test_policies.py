@@ -156,10 +156,10 @@ def driven(name, other, size=200):
     batch = Batch(Options(spawn_probability=0.0, initial_vehicle_count=1), size)
     batch.reset(0)
     made, rows = batch.buffers, np.arange(size)
-    made.vehicles[:, 0] = made.vehicles[rows, made.episodes["ego"]]
+    made.vehicles[:, 0] = made.vehicles[rows, made.episodes["controlled"][:, 0]]
     made.vehicles[:, 1] = other
     made.vehicles["identity"][:, :2] = 0, 1
-    made.episodes["vehicles"], made.episodes["ego"] = 2, 0
+    made.episodes["vehicles"], made.episodes["controlled"][:, 0] = 2, 0
     driver, running, speeds = policies.policy(name), np.ones(size, bool), []
     actions = np.full(size, FASTER)  # what was seen first were other vehicles
     while running.any():

@@ -23,7 +23,7 @@ def moment(vehicles, count, ego):
 
 def now(batch):
     for row, episode in enumerate(batch.buffers.episodes):
-        yield moment(batch.buffers.vehicles[row], episode["vehicles"], episode["ego"])
+        yield moment(batch.buffers.vehicles[row], episode["vehicles"], episode["controlled"][0])
 
 
 def along_exit(vehicles):
@@ -154,7 +154,7 @@ def test_the_ego_begins_alone_at_65_m(options):
         apart = np.hypot(vehicles["x"] - ego["x"], vehicles["y"] - ego["y"])[others]
         assert (apart >= 20).all()
         assert ego["speed"] == 10 and ego["target_speed"] == 9 and ego["lane"] == 0
-        assert batch.buffers.episodes["start"][row] == pytest.approx(111 - ego["y"])
+        assert batch.buffers.episodes["start"][row, 0] == pytest.approx(111 - ego["y"])
         starts.append(111 - ego["y"])
         last = vehicles[others][-1:]
         challengers += (last["destination"] == (last["origin"] + 2) % 4).sum()
@@ -298,7 +298,7 @@ def test_actions_step_through_the_target_speeds():
     def targets(*actions):
         batch.step(np.array(actions), auto_reset=False)
         return batch.buffers.vehicles["target_speed"][
-            range(3), batch.buffers.episodes["ego"]
+            range(3), batch.buffers.episodes["controlled"][:, 0]
         ].tolist()
 
     assert targets(0, 1, 2) == [4.5, 9.0, 9.0]
@@ -312,6 +312,8 @@ def test_a_faster_clock_is_nearly_the_same_ride():
         batch = Batch(Options(simulation_frequency=frequency, initial_vehicle_count=1), 1)
         batch.reset([5])
         batch.step([2], auto_reset=False)
-        reached.append(batch.buffers.vehicles["y"][0, batch.buffers.episodes["ego"][0]])
+        reached.append(
+            batch.buffers.vehicles["y"][0, batch.buffers.episodes["controlled"][:, 0][0]]
+        )
     assert reached[0] == pytest.approx(reached[1], abs=0.3)
     assert reached[0] != reached[1]

@@ -15,7 +15,12 @@ from socialiq.cli.output import Display, Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
 from socialiq.worlds.highway import PORTABLE
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.options import (
+    MULTI_AGENT,
+    ContinuousOptions,
+    FleetOptions,
+    Options,
+)
 from socialiq.worlds.intersection.world import Intersection
 
 _COUNTS = ("episodes", "steps", "off_road")
@@ -46,6 +51,9 @@ class Conformance(Printing):
     """Drivers look beyond the end of their lane, as in intersection-v2."""
     actions: Literal["discrete", "continuous", "continuous_steering"] = "discrete"
     """The ego's actions: of continuous ones, acceleration alone or with steering."""
+    agents: int = 1
+    """Controlled vehicles: from 2 to 4 as in intersection-multi-agent-v0 and -v1, with --connected
+    as in -v2, with random actions."""
     offroad_terminal: bool = False
     """With continuous actions: end an episode where the ego is off the road, on both sides."""
     default_numpy: bool = False
@@ -56,7 +64,7 @@ class Conformance(Printing):
         """Compare, by default in a process with portable arithmetic."""
         if self.episodes < 1:
             raise UserError(f"episodes must be at least 1, got {self.episodes}")
-        for name in ("driver", "population", "connected", "actions", "offroad_terminal"):
+        for name in ("driver", "population", "connected", "actions", "agents", "offroad_terminal"):
             is_given = getattr(self, name) != getattr(Conformance, name)
             if is_given and self.scene != "intersection":
                 option = name.replace("_", "-")
@@ -65,8 +73,12 @@ class Conformance(Printing):
                 )
         if self.offroad_terminal and self.actions == "discrete":
             raise UserError("--offroad-terminal is of continuous actions: add --actions")
+        if self.agents != 1 and not (2 <= self.agents <= 4 and self.actions == "discrete"):
+            raise UserError(f"--agents takes 1 to 4, with discrete actions, got {self.agents}")
         traffic: dict[str, Any] = {"population": self.population, "connected_lanes": self.connected}
         options = Options(**traffic)
+        if self.agents > 1:
+            options = FleetOptions(agents=self.agents, **MULTI_AGENT, **traffic)
         if self.actions != "discrete":
             traffic["offroad_terminal"] = self.offroad_terminal
             options = ContinuousOptions(actions=self.actions, **traffic)

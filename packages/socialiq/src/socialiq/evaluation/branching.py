@@ -92,7 +92,7 @@ def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "bat
     SLOWER and FASTER select the speeds below and above the one nearest to the present speed, IDLE
     keeps the target speed (`core.traffic.choose`); the lowest speed has none below.
     """
-    ego = state.vehicles[np.arange(len(state.episodes)), state.episodes["ego"]]
+    ego = state.vehicles[np.arange(len(state.episodes)), state.episodes["controlled"][:, 0]]
     speeds = np.array(options.target_speeds)
     last = len(speeds) - 1
     share = (ego["speed"] - speeds[0]) / (speeds[last] - speeds[0])

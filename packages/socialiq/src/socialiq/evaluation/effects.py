@@ -139,7 +139,7 @@ def _drive(
     assert ledger is not None
     weights = [getattr(options, f"{name}_weight") for name in SOCIAL_SIGNALS]
     tracks = np.full((*ledger.relation.shape, options.decisions * options.frames, 3), np.nan, "f4")
-    egos = buffers.vehicles["identity"][rows, buffers.episodes["ego"]]
+    egos = buffers.vehicles["identity"][rows, buffers.episodes["controlled"][:, 0]]
     sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
     counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
     ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)

@@ -13,12 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.types import Ending, Policy
+from socialiq.types import Policy
+from socialiq.worlds.highway.options import ended
 from socialiq.worlds.highway.reference import RealScene
 from socialiq.worlds.highway.scenes import ACTIONS, FASTER, IDLE, LANE_LEFT, SLOWER
 from socialiq.worlds.highway.world import RoadBatch, world_of
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import FleetOptions, Options
 from socialiq.worlds.intersection.policies import RulePolicy, policy
+from socialiq.worlds.intersection.reference import rewards_of
 from socialiq.worlds.intersection.world import Batch
 from socialiq.worlds.world import Decisions
 
@@ -43,21 +45,21 @@ def _compare_episode(
     seed: int,
 ) -> Compared:
     """Run the episode of a seed on both sides, up to its end or the first discrete difference."""
-    observation = core.reset([seed])
-    worst = np.array([0.0, np.abs(real.reset(seed) - observation[0]).max(), 0.0])
+    observation = core.reset([seed]).reshape(-1)
+    worst = np.array([0.0, np.abs(real.reset(seed) - observation).max(), 0.0])
     (is_same, worst[0]), steps, left = _compared(core, real), 0, False
     running = is_same
     while running:
         action = choose()
         decisions = core.step(action, auto_reset=False)
         observation, ends_alike, paid = real.step(action[0], decisions)
-        steps, left = steps + 1, left or bool(decisions.off_road[0])
+        steps, left = steps + 1, left or bool(decisions.off_road.any())
         is_same, deviation = _compared(core, real)
         is_same = is_same and ends_alike
         if is_same:
-            gap = np.abs(decisions.observation[0] - observation).max()
+            gap = np.abs(decisions.observation.reshape(-1) - observation).max()
             worst = np.maximum(worst, [deviation, gap, paid])
-        running = is_same and int(decisions.ending[0]) == Ending.NONE
+        running = is_same and not ended(decisions.ending.reshape(1, -1), each=False)[0]
     return Compared(seed, steps, int(not is_same), *worst.tolist(), off_road=left)
 
 
@@ -108,21 +110,28 @@ def compare_scene(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
 
 
 class _RealIntersection:
-    """The back end highway_env as one side of a comparison (`RealScene`)."""
+    """The back end highway_env as one side of a comparison (`RealScene`).
+
+    highway-env's own rewards are compared too, with what its definition makes of the core's state.
+    """
 
     uncompared: frozenset[str] = frozenset()
 
-    def __init__(self, options: Options) -> None:
-        self._batch = Batch(options, 1, back_end="highway_env")
+    def __init__(self, options: Options, core: Batch) -> None:
+        self._core, self._batch = core, Batch(options, 1, back_end="highway_env")
+        self._row = self._batch.real.rows[0]
 
     def reset(self, seed: int) -> np.ndarray:
-        return self._batch.reset([seed])[0]
+        return self._batch.reset([seed]).reshape(-1)
 
     def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
         real = self._batch.step(np.asarray([action]), auto_reset=False)
-        alike = real.ending[0] == decisions.ending[0] and real.contact[0] == decisions.contact[0]
+        alike = (real.ending == decisions.ending) & (real.contact == decisions.contact)
+        over = ended(decisions.ending.reshape(1, -1), each=False)[0]
         paid = np.abs(np.subtract(real.rewards, decisions.rewards)).max()
-        return real.observation[0], bool(alike), float(paid)
+        owned = rewards_of(self._core.buffers, decisions.off_road.reshape(-1))
+        paid = max(paid, np.abs(owned - self._row.rewards).max())
+        return real.observation.reshape(-1), alike.all() and over == self._row.over, float(paid)
 
     def records(self) -> np.ndarray:
         buffers = self._batch.buffers
@@ -134,23 +143,30 @@ def compare_intersection(
 ) -> Iterator[Compared]:
     """Run seeded episodes on the core and on highway-env, and compare after every decision.
 
-    Without a driver go, idle, wait and random drive in turn. Continuous actions are drawn: full
-    acceleration without steering; acceleration at random with little steering, in float32 and in
-    float64; all at random. Episode i has seed + i.
+    Without a driver go, idle, wait and random drive in turn, and several agents at random.
+    Continuous actions are drawn: full acceleration without steering; acceleration at random with
+    little steering, in float32 and in float64; all at random. Episode i has seed + i.
 
     Raises:
         UserError: If `episodes` is below 1.
     """
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
-    core, real = Batch(options, 1), _RealIntersection(options)
+    core = Batch(options, 1)
+    real = _RealIntersection(options, core)
     for number in range(episodes):
-        policy_of_ego = driver or _driver_of_turn(number % 4, seed + number, options)
+        turn = _RANDOM if isinstance(options, FleetOptions) else number % 4
+        policy_of_ego = driver or _driver_of_turn(turn, seed + number, options)
 
         def choose(policy_of_ego: Policy = policy_of_ego) -> np.ndarray:
-            return policy_of_ego.predict(core.seen_by(policy_of_ego))[0]
+            seen = core.seen_by(policy_of_ego)
+            chosen = policy_of_ego.predict(seen.reshape(-1, seen.shape[-1]))[0]
+            return chosen if options.continuous else chosen.reshape(core.shape)
 
         yield _compare_episode(core, real, choose, seed + number)
+
+
+_RANDOM = 3
 
 
 def _driver_of_turn(turn: int, seed: int, options: Options) -> Policy:

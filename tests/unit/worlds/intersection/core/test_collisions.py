@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.core.vehicle import collide as collide_kernel
-from socialiq.worlds.highway.options import Contact
+from socialiq.worlds.highway.options import EPISODE, Contact
 from socialiq.worlds.intersection.options import VEHICLE
 
 DT = 0.1
@@ -22,10 +22,12 @@ def collided(*cars, ego=0, contact=NOTHING):
     """Cars, numbered from 10, after a sub-step's collisions; the ego's contact and its partner."""
     vehicles = np.array([one[()] for one in cars], VEHICLE)
     vehicles["identity"] = 10 + np.arange(len(cars))
-    found = collide(
-        vehicles, len(vehicles), len(vehicles), ego, DT, 0.0, int(contact[0]), contact[1]
-    )
-    return vehicles, (Contact(found[0]), found[1])
+    vehicles["agent"] = np.where(np.arange(len(cars)) == ego, 0, -1)
+    episodes = np.zeros(1, EPISODE).view(np.recarray)
+    episodes.vehicles, episodes.controlled[:, 0] = len(cars), ego
+    episodes.contact[:, 0], episodes.touched[:, 0] = contact
+    collide(episodes[0], vehicles, len(cars), 1, DT, 0.0)
+    return vehicles, (Contact(episodes.contact[0, 0]), episodes.touched[0, 0])
 
 
 def pushes(vehicles):

@@ -16,7 +16,7 @@ export class Recorder {
     this.now = fields("vehicles");
     this.traced = fields("trace");
     this.count = core.field("episodes", "vehicles");
-    this.ego = core.field("episodes", "ego");
+    this.ego = core.field("episodes", "controlled");
   }
 
   /** Begin the episode of a seed. */

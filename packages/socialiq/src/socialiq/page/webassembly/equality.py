@@ -166,10 +166,11 @@ def compared(reference: Replay, compiled: Replay, policy: Any = None) -> Equalit
             with np.errstate(invalid="ignore"):  # infinity less infinity: a speed without a limit
                 off = np.where(left == right, 0.0, np.abs(left - right))
             off = np.where(absent, 0.0, off).max(axis=2) if record == "vehicles" else off
-            np.maximum(gap, off, out=gap)
+            np.maximum(gap, off.reshape(*gap.shape, -1).max(axis=2), out=gap)
         else:
             same = left == right
-            equal &= (same | absent).all(axis=2) if record == "vehicles" else same
+            same = (same | absent).all(axis=2) if record == "vehicles" else same
+            equal &= same.reshape(*equal.shape, -1).all(axis=2)
     return Equality(
         episodes=decided.shape[1],
         same_endings=int((ended | ~there).all(axis=0).sum()),

@@ -14,13 +14,16 @@ from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 import numpy as np
 
 from socialiq.errors import UserError, one_of
+from socialiq.types import Ending
 
 Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
 Counted = Literal["all", "cross", "approaching"]
 Disruption = Literal["dead_zone", "literal"]
 Crash = Literal["override", "add"]
+Ends = Literal["each", "joint"]
+Frame = Literal["own", "world"]
 
-MOST_SPEEDS = 8
+MOST_SPEEDS, MOST_AGENTS = 8, 16
 
 
 @dataclass(frozen=True)
@@ -102,10 +105,13 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
             if get_args(kind) and isinstance(getattr(self, name), str):
                 one_of(name, getattr(self, name), get_args(kind))
         counts = {"simulation_frequency": 1, "policy_frequency": 1, "observed_vehicles": 2}
+        counts["agents"] = 1
         for name, least in counts.items():
             value = getattr(self, name)
             if not (isinstance(value, int) and value >= least):
                 raise UserError(f"{name} must be a whole number of at least {least}, got {value}")
+        if self.agents > MOST_AGENTS:
+            raise UserError(f"agents must be at most {MOST_AGENTS}, got {self.agents}")
         if self.simulation_frequency % self.policy_frequency:
             raise UserError(
                 f"simulation_frequency {self.simulation_frequency} is not a multiple of "
@@ -135,9 +141,29 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
         return 0
 
     @property
+    def agents(self) -> int:
+        """Number of vehicles that are controlled: the ego alone, but for `AgentOptions`."""
+        return 1
+
+    @property
     def continuous(self) -> bool:
         """Whether the ego's actions are continuous."""
         return self.width > 0
+
+
+@dataclass(frozen=True)
+class AgentOptions:
+    """Several controlled vehicles, the first bases of a road's options."""
+
+    agents: int = 2  # vehicles that are controlled
+    # "each": an agent that arrives leaves, wrecks are towed after the decision, and the episode
+    # lasts until every agent has ended. "joint", as in highway-env: agents drive on after they
+    # arrive, and the episode ends when one crashes or all have arrived
+    ends: Ends = "each"
+    # at the intersection "own": each agent sees the crossing turned as if it came from the south,
+    # and its destination is counted from its own arm. "world", as in highway-env: no view is
+    # turned, and the destination is one arm for all, counted from the south
+    frame: Frame = "own"
 
 
 ENV_SIGNALS = ("progress", "speed", "step", "collision", "arrival", "timeout")
@@ -173,6 +199,9 @@ SETTINGS = np.dtype(
         ("weights", np.float64, (len(SIGNALS),)),
         ("continuous", np.bool_),  # the ego's record holds its commands
         ("offroad_terminal", np.bool_),
+        ("agents", np.int64),
+        ("each", np.bool_),  # whether agents end one by one, and leave
+        ("own_frame", np.bool_),  # whether an agent's view and destination are of its approach
     ],
     align=True,
 )
@@ -193,6 +222,8 @@ def settings_of(options: RoadOptions) -> np.ndarray:
     record["n_speeds"] = len(options.target_speeds)
     record["target_speeds"][0, : len(options.target_speeds)] = options.target_speeds
     record["weights"] = [getattr(options, f"{name}_weight") for name in SIGNALS]
+    if isinstance(options, AgentOptions):
+        record["each"], record["own_frame"] = options.ends == "each", options.frame == "own"
     return record
 
 
@@ -209,6 +240,12 @@ _UNITS = (
     "speed_threshold",
     "speed_cap",
 )
+
+
+def ended(ending: np.ndarray, each: bool) -> np.ndarray:
+    """Return whether each episode has ended, by `Ending` (episode, agent); see `AgentOptions`."""
+    over = (ending != int(Ending.NONE)).all(axis=1)
+    return over if each else over | (ending == int(Ending.COLLISION)).any(axis=1)
 
 
 def reward_definition(options: RoadOptions) -> dict[str, Any]:
@@ -246,7 +283,11 @@ DRIVER = [
     ("exponent", np.float64),  # of the free-road term
 ]
 PUSH = [("push_x", np.float64), ("push_y", np.float64)]  # m, by a collision, in the next sub-step
-FLAGS = [("crashed", np.bool_), ("pushed", np.bool_)]  # a push is pending
+FLAGS = [
+    ("agent", np.int8),  # number of the agent that controls it; -1: a driver
+    ("crashed", np.bool_),
+    ("pushed", np.bool_),  # a push is pending
+]
 """Fields of the records of vehicles of all roads."""
 
 
@@ -269,11 +310,13 @@ EPISODE = np.dtype(
         ("time", np.float64),  # s since the reset
         ("sub_steps", np.int64),  # of the road, warm-up included; schedules the rules
         ("vehicles", np.int64),  # slots in use
-        ("ego", np.int64),  # the ego's slot
-        ("start", np.float64),  # route coordinate at which the ego began, m
         ("next_identity", np.int32),
-        ("contact", np.int8),  # last Contact of the ego: which vehicle struck
-        ("touched", np.int32),  # identity of the vehicle that it touched, -1 if none
+        # of each agent, of which an ego is the first
+        ("controlled", np.int64, (MOST_AGENTS,)),  # slot of its vehicle; -1: it has left
+        ("start", np.float64, (MOST_AGENTS,)),  # route coordinate at which it began, m
+        ("touched", np.int32, (MOST_AGENTS,)),  # identity of the vehicle it touched, -1 if none
+        ("contact", np.int8, (MOST_AGENTS,)),  # its last Contact: which vehicle struck
+        ("ended", np.int8, (MOST_AGENTS,)),  # value of `Ending`, from its end on
     ],
     align=True,
 )
@@ -285,13 +328,16 @@ RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
 
 
 class Buffers(NamedTuple):
-    """Arrays that an engine reads and writes, each with one row for an episode."""
+    """Arrays that an engine reads and writes, each with one row for an episode.
+
+    Of several agents, observations and results have a row for each agent of an episode in turn.
+    """
 
     episodes: np.ndarray  # EPISODE records, shape (batch,)
     vehicles: np.ndarray  # current records of vehicles, (batch, capacity)
     before: np.ndarray  # vehicles at the last decision, (batch, capacity)
     after: np.ndarray  # vehicles after the sub-steps of that decision, (batch, capacity)
-    # number of vehicles in `before` and `after`, and the ego's slot, (batch, 2)
+    # number of vehicles in `before` and `after`, and the agents' slots, (batch, 1 + agents)
     present: np.ndarray
     reached: np.ndarray  # observation of the state that the decision led to, float32
     observation: np.ndarray  # observation of the current state, which differs after a reset
@@ -318,24 +364,24 @@ class Buffers(NamedTuple):
         """
         if size < 1:
             raise UserError(f"size must be at least 1, got {size}")
-        rows, capacity = (size,), (size, most)
-        observed = (size, options.observed_vehicles, len(FEATURES))
+        rows, capacity = (size * options.agents,), (size, most)
+        observed = (*rows, options.observed_vehicles, len(FEATURES))
         frames = (size if traced else 0, options.frames, most)
         return Buffers(
-            episodes=np.zeros(rows, EPISODE),
+            episodes=np.zeros(size, EPISODE),
             vehicles=np.zeros(capacity, kind),
             before=np.zeros(capacity, kind),
             after=np.zeros(capacity, kind),
-            present=np.zeros((size, 2), np.int64),
+            present=np.zeros((size, 1 + options.agents), np.int64),
             reached=np.zeros(observed, np.float32),
             observation=np.zeros(observed, np.float32),
-            signals=np.zeros((size, len(SIGNALS))),
-            rewards=np.zeros((size, 2)),
-            classical=np.zeros((size, 2)),
+            signals=np.zeros((*rows, len(SIGNALS))),
+            rewards=np.zeros((*rows, 2)),
+            classical=np.zeros((*rows, 2)),
             speed=np.zeros(rows),
             ending=np.zeros(rows, np.int8),
             contact=np.zeros(rows, np.int8),
             neighbours_collided=np.zeros(rows, np.int64),
-            braking=np.zeros(capacity, np.bool_),
+            braking=np.zeros((*rows, most), np.bool_),
             trace=np.zeros(frames, kind),
         )

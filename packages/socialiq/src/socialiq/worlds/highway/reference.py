@@ -79,7 +79,7 @@ class RealScene:
         records = np.zeros(len(road.vehicles) + len(road.objects), CAR)
         for slot, vehicle in enumerate([*road.vehicles, *road.objects]):
             row = records[slot]
-            row["identity"] = slot
+            row["identity"], row["agent"] = slot, 0 if slot == 0 else -1
             write_motion(row, vehicle)
             row["lane"] = lanes.index(vehicle.lane_index)
             if slot >= len(road.vehicles):

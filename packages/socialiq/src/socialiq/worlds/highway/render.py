@@ -133,10 +133,11 @@ _LOW = 0.6  # height per width below which a picture has a line of its own
 def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
     """Return the current scene of one episode, with the rewards of its last decision."""
     buffers = batch.buffers
-    count, ego = int(buffers.episodes[row]["vehicles"]), int(buffers.episodes[row]["ego"])
+    episode = buffers.episodes[row]
+    count, ego = int(episode["vehicles"]), int(episode["controlled"][0])
     vehicles = buffers.vehicles[row, :count].copy()
     charged = buffers.after["identity"][row][buffers.braking[row]]
-    time = float(buffers.episodes[row]["time"])
+    time = float(episode["time"])
     braking = np.isin(vehicles["identity"], charged) & (time > 0)
     return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "")
 

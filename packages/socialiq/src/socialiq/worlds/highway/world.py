@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
@@ -31,11 +31,13 @@ from socialiq.worlds.highway.options import (
     RESET,
     SIGNALS,
     SKIP,
+    AgentOptions,
     Buffers,
     RoadOptions,
     reward_definition,
     settings_of,
 )
+from socialiq.worlds.highway.options import ended as ended_of
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, Scene, scene_of
 from socialiq.worlds.world import Decisions, World, observed_with_time, rows_of
 
@@ -70,6 +72,9 @@ class State(NamedTuple):
 class RoadBatch(abc.ABC):
     """Episodes of one road side by side (`worlds.world.Batch`).
 
+    With `AgentOptions` each has several controlled vehicles: actions, observations and results have
+    an axis for the agents after that for the episodes.
+
     Every episode has its own random stream, so results don't depend on the batch's size or the
     number of threads. By default `step` resets an episode that ends. The new episode continues the
     stream, as in highway-env after a `reset()` without seed. The buffers are the arrays that the
@@ -92,6 +97,10 @@ class RoadBatch(abc.ABC):
         self.options, self.buffers, self.effects = options, buffers, effects
         self._settings, self._threads = settings, threads
         self.size = size = len(buffers.episodes)
+        # of observations, actions and results: with an axis for agents if there may be several
+        self.shape = (size, options.agents) if isinstance(options, AgentOptions) else (size,)
+        if effects is not None and len(self.shape) > 1:
+            raise UserError("effects are measured of one ego: leave them out with several agents")
         self.ledger: Ledger | None = None
         if effects is not None:
             self._effects = record_of(effects, options)
@@ -140,19 +149,26 @@ class RoadBatch(abc.ABC):
         run_in_parts(core.effects, self._threads, self.size, command, self.buffers, *arguments)
 
     def _checked(self, actions: Any) -> np.ndarray:
-        """Return a whole number for each episode, int64; refuse other actions."""
+        """Return a whole number for each agent, int64, in one row; refuse other actions."""
         chosen = np.asarray(actions)
-        if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
-            raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
+        if chosen.shape != self.shape or chosen.dtype.kind not in "iu":
+            count = " x ".join(map(str, self.shape))
+            raise UserError(f"actions must be {count} whole numbers, got {actions!r}")
         if chosen.min() < 0 or chosen.max() >= self.n_actions:
             numbers = sorted({*chosen.tolist()})
             raise UserError(f"actions must be 0 to {self.n_actions - 1}, got {numbers}")
-        return chosen.astype(np.int64)
+        return chosen.astype(np.int64).reshape(-1)
 
     @property
-    def observation(self) -> Float32[np.ndarray, "batch feature"]:
-        """Current observation of every episode, (batch, features)."""
-        return self.buffers.observation.reshape(self.size, -1).copy()
+    def observation(self) -> Float32[np.ndarray, "*batch feature"]:
+        """Current observation of every agent, zeros after it has left."""
+        return self.buffers.observation.reshape(*self.shape, -1).copy()
+
+    @property
+    def driving(self) -> Bool[np.ndarray, "*batch"]:
+        """Whether each agent has neither arrived nor crashed nor run out of time."""
+        ended = self.buffers.episodes["ended"][:, : self.options.agents]
+        return (ended == int(Ending.NONE)).reshape(self.shape)
 
     @property
     def time(self) -> Float32[np.ndarray, " batch"]:
@@ -160,13 +176,15 @@ class RoadBatch(abc.ABC):
         seconds = self.buffers.episodes["time"] * self.options.policy_frequency
         return np.rint(seconds).astype(np.float32)
 
-    def seen_by(self, policy: Any) -> Float32[np.ndarray, "batch feature"]:
+    def seen_by(self, policy: Any) -> Float32[np.ndarray, "*batch feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
-        return observed_with_time(self.observation, self.time, policy)
+        flat = self.buffers.observation.reshape(len(self.buffers.ending), -1).copy()
+        time = np.repeat(self.time, self.options.agents)
+        return observed_with_time(flat, time, policy).reshape(*self.shape, -1)
 
     def reset(
         self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
-    ) -> Float32[np.ndarray, "batch feature"]:
+    ) -> Float32[np.ndarray, "*batch feature"]:
         """Start new episodes in some rows, an index or a mask, and return all observations.
 
         The seeds are one for each row, or one number: row i gets seed + i. None continues the rows'
@@ -182,7 +200,8 @@ class RoadBatch(abc.ABC):
         if seeds is not None:
             entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
         commands = np.where(chosen, RESET, SKIP).astype(np.int8)
-        self._run(commands, entropy, chosen & (seeds is not None), np.zeros(self.size, np.int64))
+        unused = np.zeros(len(self.buffers.ending), np.int64)
+        self._run(commands, entropy, chosen & (seeds is not None), unused)
         self.measure(BEGIN, chosen)
         self._waiting[chosen], self.begun[chosen] = False, True
         return self.observation
@@ -207,7 +226,8 @@ class RoadBatch(abc.ABC):
         self.measure(PREPARE, deciding)
         self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
         self.measure(ACCOUNT, deciding)
-        ended = deciding & (self.buffers.ending != int(Ending.NONE))
+        each = bool(self._settings["each"][0])
+        ended = deciding & ended_of(self.buffers.ending.reshape(self.size, -1), each)
         decisions = self._decisions()
         if not auto_reset:
             self._waiting |= ended
@@ -218,22 +238,26 @@ class RoadBatch(abc.ABC):
     def _decisions(self) -> Decisions:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed
 
-        buffers, left = self.buffers, np.zeros(self.size, bool)
+        buffers, left = self.buffers, np.zeros((self.size, self.options.agents), bool)
         step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
         return Decisions(
-            observation=buffers.reached.reshape(self.size, -1).copy(),
-            rewards=RewardPair(*buffers.rewards.T.copy()),
-            ending=buffers.ending.copy(),
+            observation=buffers.reached.reshape(*self.shape, -1).copy(),
+            rewards=RewardPair(*self._by_agent(buffers.rewards)),
+            ending=buffers.ending.reshape(self.shape).copy(),
             signals=self._signals(),
-            speed=buffers.speed.copy(),
-            contact=buffers.contact.copy(),
-            neighbours_collided=buffers.neighbours_collided.copy(),
-            classical=RewardPair(*buffers.classical.T.copy()),
-            off_road=left,
+            speed=buffers.speed.reshape(self.shape).copy(),
+            contact=buffers.contact.reshape(self.shape).copy(),
+            neighbours_collided=buffers.neighbours_collided.reshape(self.shape).copy(),
+            classical=RewardPair(*self._by_agent(buffers.classical)),
+            off_road=left.reshape(self.shape),
         )
 
+    def _by_agent(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns of results as rows of arrays of the batch's shape."""
+        return columns.T.reshape(-1, *self.shape).copy()
+
     def _signals(self) -> dict[str, np.ndarray]:
-        names, columns = [*SIGNALS], [*self.buffers.signals.T.copy()]
+        names, columns = [*SIGNALS], [*self._by_agent(self.buffers.signals)]
         if self.ledger is not None:
             names, columns = [*names, *EFFECT_SIGNALS], [*columns, *self.ledger.signals.T.copy()]
         return dict(zip(names, columns, strict=True))

@@ -1,7 +1,7 @@
 """Options of the intersection, the populations of its drivers, and the records of its core."""
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from socialiq.worlds.highway.options import (
     FLAGS,
     MOTION,
     PUSH,
+    AgentOptions,
     Buffers,
     ClockOptions,
     EgoOptions,
@@ -117,8 +118,8 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
 
     @property
     def capacity(self) -> int:
-        """Largest number of vehicles of an episode: every spawn attempt, and the ego."""
-        return self.initial_vehicle_count + 1 + self.decisions + 1
+        """Largest number of vehicles of an episode: every spawn attempt, and the agents."""
+        return self.initial_vehicle_count + self.agents + self.decisions + 1
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,31 @@ class ContinuousOptions(Options):
     def width(self) -> int:
         """Number of values of a continuous action."""
         return 2 if self.actions == "continuous_steering" else 1
+
+
+@dataclass(frozen=True)
+class FleetOptions(AgentOptions, Options):  # pyright: ignore[reportIncompatibleVariableOverride]
+    """Options of the same scenario with several controlled vehicles.
+
+    They enter as an ego does, on the arms from the south on in turn, and from the fifth on 20 m
+    further back each round.
+
+    Raises:
+        UserError: As `Options`, and if there are too many agents.
+    """
+
+
+MULTI_AGENT: dict[str, Any] = {
+    "simulation_frequency": 15,
+    "duration": 13.0,
+    "initial_vehicle_count": 10,
+    "spawn_probability": 0.6,
+    "observed_vehicles": 15,
+    "ends": "joint",
+    "frame": "world",
+}
+"""Options of `FleetOptions` as in highway-env's intersection-multi-agent-v0 and -v1; -v2 has
+`connected_lanes` too."""
 
 
 TIE = 1e-9

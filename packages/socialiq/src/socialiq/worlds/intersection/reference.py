@@ -25,6 +25,7 @@ from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.reference import write_commands, write_motion
 from socialiq.worlds.intersection import options as scenario
 from socialiq.worlds.intersection.core import step, traffic
+from socialiq.worlds.intersection.core.geometry import LEGS
 
 try:
     from highway_env.envs.common.action import ContinuousAction
@@ -87,7 +88,7 @@ globals().update({driver.__name__: driver for driver in DRIVERS.values()})
 
 
 contact_of = for_python(kernels.contact_of)
-route_coordinate = for_python(traffic.route_coordinate)
+arrived, route_coordinate = for_python(traffic.arrived), for_python(traffic.route_coordinate)
 
 
 def environment_config(options: scenario.Options) -> dict[str, Any]:
@@ -106,19 +107,28 @@ def environment_config(options: scenario.Options) -> dict[str, Any]:
         speeds = list(options.target_speeds)
         action |= {"type": "DiscreteMetaAction", "lateral": False, "target_speeds": speeds}
     arms = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
+    observation: dict[str, Any] = {
+        "type": "Kinematics",
+        "vehicles_count": options.observed_vehicles,
+        "features": list(roads.FEATURES),
+        "features_range": {"x": metres, "y": metres, "vx": speed, "vy": speed},
+        "absolute": True,
+        "order": "sorted",
+        "normalize": True,
+        "clip": True,
+        "see_behind": False,
+        "observe_intentions": False,
+    }
+    if isinstance(options, scenario.FleetOptions):
+        if (options.ends, options.frame) != ("joint", "world") or options.agents > 4:
+            raise UserError(
+                "highway-env has up to 4 agents that end together in one frame: choose the "
+                "options ends='joint', frame='world'"
+            )
+        observation = {"type": "MultiAgentObservation", "observation_config": observation}
+        action = {"type": "MultiAgentAction", "action_config": action}
     return {
-        "observation": {
-            "type": "Kinematics",
-            "vehicles_count": options.observed_vehicles,
-            "features": list(roads.FEATURES),
-            "features_range": {"x": metres, "y": metres, "vx": speed, "vy": speed},
-            "absolute": True,
-            "order": "sorted",
-            "normalize": True,
-            "clip": True,
-            "see_behind": False,
-            "observe_intentions": False,
-        },
+        "observation": observation,
         "action": action,
         "simulation_frequency": options.simulation_frequency,
         "policy_frequency": options.policy_frequency,
@@ -126,7 +136,7 @@ def environment_config(options: scenario.Options) -> dict[str, Any]:
         "initial_vehicle_count": options.initial_vehicle_count,
         "spawn_probability": options.spawn_probability,
         "destination": arms[options.destination],
-        "controlled_vehicles": 1,
+        "controlled_vehicles": options.agents,
         "offroad_terminal": isinstance(options, scenario.ContinuousOptions)
         and options.offroad_terminal,
         "neighbour_vehicles_connected_lanes": options.connected_lanes,
@@ -137,6 +147,7 @@ def environment_config(options: scenario.Options) -> dict[str, Any]:
 # Of an ego with continuous actions, which highway-env gives no target lane and no route.
 _ENTRY = ("o0", "ir0")
 _WHOLE_ROUTE = (None, None, None)
+_NOTHING = int(roads.Contact.NONE), -1
 
 
 class _SteeredVehicle(Vehicle):
@@ -158,7 +169,7 @@ class _SteeredAction(ContinuousAction):
 
 
 class _WatchedRoad(RegulatedRoad):
-    """highway-env's road that records entries and the ego's contacts."""
+    """highway-env's road that records entries and the agents' contacts."""
 
     def __init__(self, road: RegulatedRoad) -> None:
         super().__init__(
@@ -166,8 +177,8 @@ class _WatchedRoad(RegulatedRoad):
             np_random=road.np_random,
             neighbour_vehicles_connected_lanes=road.neighbour_vehicles_connected_lanes,
         )
-        self.ego: Any = None
-        self.contact, self.touched = int(roads.Contact.NONE), -1
+        self.agents: list[Any] = []
+        self.contacts: list[tuple[int, int]] = []  # Contact and identity of what was touched
         # Identity, origin and destination, which are lost once a part of the route is driven.
         self._entries: dict[Any, tuple[int, int, int]] = {}
         lanes = ((start, end) for start, ends in road.network.graph.items() for end in ends)
@@ -182,14 +193,14 @@ class _WatchedRoad(RegulatedRoad):
         return identity
 
     def step(self, dt: float) -> None:
-        """Advance by a sub-step; the ego's contacts are determined before it crashes."""
-        ego = self.ego
-        untouched = ego in self.vehicles and not ego.crashed and ego.impact is None
+        """Advance by a sub-step; the agents' contacts are determined before they crash."""
+        untouched = [not agent.crashed and agent.impact is None for agent in self.agents]
         super().step(dt)
-        if untouched:
-            slot = self.vehicles.index(ego)
-            contact = contact_of(self.records(), slot, dt, self.contact, self.touched)
-            self.contact, self.touched = int(contact[0]), int(contact[1])
+        for number, agent in enumerate(self.agents):
+            if untouched[number]:
+                slot = self.vehicles.index(agent)
+                found = contact_of(self.records(), slot, dt, *self.contacts[number])
+                self.contacts[number] = int(found[0]), int(found[1])
 
     def records(self) -> np.ndarray:
         """Return the current vehicles in list order, VEHICLE (vehicles,)."""
@@ -202,7 +213,9 @@ class _WatchedRoad(RegulatedRoad):
             row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
             target = getattr(vehicle, "target_lane_index", _ENTRY)
             row["target_lane"] = self._lane_numbers[target[:2]]
-            row["leg"] = 3 - len(getattr(vehicle, "route", _WHOLE_ROUTE))
+            legs = LEGS[row["origin"], row["destination"]]
+            row["leg"] = legs - len(getattr(vehicle, "route", _WHOLE_ROUTE))
+            row["agent"] = self.agents.index(vehicle) if vehicle in self.agents else -1
             row["yielding"] = getattr(vehicle, "is_yielding", False)
             row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
             if isinstance(vehicle, IDMVehicle):  # the ego has no driver model, and keeps zeros
@@ -232,8 +245,10 @@ class _WatchedEnv(IntersectionEnv):
 
     def _make_vehicles(self, n_vehicles: int = 10) -> None:
         super()._make_vehicles(n_vehicles)
-        self.ego_identity = int(self.road.enter(self.vehicle))
-        self.road.ego = self.vehicle
+        self.road.agents = self.controlled_vehicles
+        self.road.contacts = [_NOTHING] * len(self.controlled_vehicles)
+        for vehicle in self.controlled_vehicles:
+            self.road.enter(vehicle)
 
     def _spawn_vehicle(self, *where: Any, **how: Any) -> Any:
         vehicle: Any = super()._spawn_vehicle(*where, **how)
@@ -258,39 +273,54 @@ class HighwayIntersection:
 
     def __init__(self, options: scenario.Options) -> None:
         self.environment = _WatchedEnv(config=environment_config(options))
-        self.terminated = False  # as highway-env says of the last step
+        self._several = isinstance(options, scenario.FleetOptions)
+        # as highway-env says of the last step: whether episode and agents have ended
+        self.over, self.agents_terminated = False, (False,) * options.agents
+        self.rewards = np.zeros(1 + options.agents)  # highway-env's: their mean, then the agents'
         self.reset()
 
     def reset(self, seed: int | None = None) -> np.ndarray:
         """Start an episode, or without a seed continue the stream; return the observation."""
         observation, _ = self.environment.reset(seed=seed)
         self.before = self.after = self.vehicles
-        return observation.reshape(-1)
+        return np.concatenate(observation, axis=None)
 
     def step(self, action: Any) -> np.ndarray:
         """Take one decision, and return the observation."""
         self.before = self.vehicles
-        observation, _, self.terminated, _, _ = self.environment.step(action)
+        chosen = tuple(action) if self._several else action
+        observation, reward, terminated, truncated, facts = self.environment.step(chosen)
+        self.over, self.agents_terminated = terminated or truncated, (terminated,)
         self.after = self.environment.after
-        return observation.reshape(-1)
+        self.rewards = np.array([reward, *facts["agents_rewards"]])
+        if self._several:
+            self.agents_terminated = facts["agents_terminated"]
+        return np.concatenate(observation, axis=None)
 
     @property
     def vehicles(self) -> np.ndarray:
         """Current vehicles, after clearing and spawning, VEHICLE (vehicles,)."""
         return self.environment.road.records()
 
-    @property
-    def ego(self) -> int:
-        """The ego's slot in `vehicles`."""
-        return self._slot(self.vehicles)
 
-    @property
-    def ego_after(self) -> int:
-        """The ego's slot in `after`."""
-        return self._slot(self.after)
+def _controlled(vehicles: np.ndarray) -> np.ndarray:
+    """Return the agents' slots, in the order of their numbers."""
+    slots = np.flatnonzero(vehicles["agent"] >= 0)
+    return slots[np.argsort(vehicles["agent"][slots])]
 
-    def _slot(self, vehicles: np.ndarray) -> int:
-        return int(np.flatnonzero(vehicles["identity"] == self.environment.ego_identity)[0])
+
+def rewards_of(buffers: roads.Buffers, off_road: np.ndarray) -> np.ndarray:
+    """Return highway-env's own rewards of the last decision of one episode, as it defines them.
+
+    They are the mean over the agents, then each agent's; given is which ones are off the road.
+    """
+    rewards = []
+    for slot, left in zip(buffers.present[0, 1:], off_road, strict=True):
+        vehicle = buffers.after[0, slot]
+        fast = np.clip(0 + (vehicle["speed"] - 7.0) * (1 - 0) / (9.0 - 7.0), 0, 1)
+        reward = 1 if arrived(vehicle, 0) else -5 * int(vehicle["crashed"]) + fast
+        rewards.append(reward * (not left))
+    return np.array([sum(rewards) / len(rewards), *rewards])
 
 
 class Reference:
@@ -298,6 +328,7 @@ class Reference:
 
     def __init__(self, options: scenario.Options, buffers: roads.Buffers) -> None:
         self._buffers, self._settings = buffers, scenario.settings_of(options)
+        self._several = isinstance(options, scenario.FleetOptions)
         self.rows = [HighwayIntersection(options) for _ in buffers.episodes]
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
@@ -309,37 +340,47 @@ class Reference:
         """
         buffers = self._buffers
         decided = np.isin(commands, (roads.DECIDE, roads.DECIDE_AND_RESET))
-        observation = np.zeros_like(buffers.reached)
+        observation, agents = np.zeros_like(buffers.reached), buffers.present.shape[1] - 1
         for row in np.flatnonzero(decided):
             real = self.rows[row]
-            observation[row] = real.step(actions[row]).reshape(observation[row].shape)
+            here = slice(row * agents, (row + 1) * agents)
+            observed = real.step(actions[here] if self._several else actions[row])
+            observation[here] = observed.reshape(observation[here].shape)
             buffers.before[row, : len(real.before)] = real.before
             buffers.after[row, : len(real.after)] = real.after
-            buffers.present[row] = len(real.after), real.ego_after
+            buffers.present[row] = len(real.after), *_controlled(real.after)
             self._write(row)
         annotated = np.where(decided, roads.ANNOTATE, roads.SKIP).astype(np.int8)
-        unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
+        unseeded, unused = np.zeros_like(decided), np.zeros(len(buffers.ending), np.int64)
         rows = 0, 0, len(commands)
         step.run(buffers, annotated, seeds, unseeded, unused, self._settings, *rows)
         for row in np.flatnonzero(decided):
-            terminated = self.rows[row].terminated
-            if terminated != (buffers.ending[row] in TERMINAL):
-                buffers.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
-        buffers.reached[decided] = observation[decided]
-        buffers.observation[decided] = observation[decided]
-        ended = (commands == roads.DECIDE_AND_RESET) & (buffers.ending != int(Ending.NONE))
-        for row in np.flatnonzero((commands == roads.RESET) | ended):
+            for number, terminated in enumerate(self.rows[row].agents_terminated):
+                result = row * agents + number
+                if terminated != (buffers.ending[result] in TERMINAL):
+                    buffers.ending[result] = int(Ending.OTHER if terminated else Ending.NONE)
+        shown = np.repeat(decided, agents)
+        buffers.reached[shown] = observation[shown]
+        buffers.observation[shown] = observation[shown]
+        over = roads.ended(buffers.ending.reshape(-1, agents), each=False)
+        for row in np.flatnonzero(
+            (commands == roads.RESET) | (commands == roads.DECIDE_AND_RESET) & over
+        ):
+            here = slice(row * agents, (row + 1) * agents)
             begun = self.rows[row].reset(int(seeds[row]) if seeded[row] else None)
-            buffers.observation[row] = begun.reshape(buffers.observation[row].shape)
+            buffers.observation[here] = begun.reshape(buffers.observation[here].shape)
+            buffers.episodes[row]["ended"] = int(Ending.NONE)
             self._write(row)
-            ego = buffers.vehicles[row][self.rows[row].ego]
-            buffers.episodes[row]["start"] = route_coordinate(ego, 0)
+            for number, slot in enumerate(_controlled(self.rows[row].vehicles)):
+                start = route_coordinate(buffers.vehicles[row][slot], 0)
+                buffers.episodes[row]["start"][number] = start
 
     def _write(self, row: Any) -> None:
         """Write the present vehicles and the facts of the episode."""
         real, episode = self.rows[row], self._buffers.episodes[row]
         vehicles, environment = real.vehicles, real.environment
         self._buffers.vehicles[row, : len(vehicles)] = vehicles
-        episode["vehicles"], episode["ego"] = len(vehicles), real.ego
-        episode["time"] = environment.time
-        episode["contact"], episode["touched"] = environment.road.contact, environment.road.touched
+        slots, contacts = _controlled(vehicles), np.array(environment.road.contacts)
+        episode["vehicles"], episode["time"] = len(vehicles), environment.time
+        episode["controlled"][: len(slots)] = slots
+        episode["contact"][: len(slots)], episode["touched"][: len(slots)] = contacts.T

@@ -66,7 +66,7 @@ class Crossing:
     def way(self, axes: Any, scene: Scene) -> None:
         """Draw the ego's influence zone and the rest of its route."""
         ego = scene.vehicles[scene.ego]
-        approach, across, leave = (LANES[n] for n in ROUTES[ego["origin"], ego["destination"]])
+        approach, across, leave = (LANES[n] for n in ROUTES[ego["origin"], ego["destination"], :3])
         start = float(approach["length"]) - shapes.ZONE_APPROACH
         shapes.band(axes, np.concatenate([shapes.way(approach, start), shapes.way(across)]))
         line = shapes.way(approach), shapes.way(across), shapes.way(leave, end=EXIT_DISTANCE)

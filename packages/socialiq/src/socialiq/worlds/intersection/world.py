@@ -63,13 +63,13 @@ class Batch(RoadBatch):
         buffers = scenario.buffers_of(options, size, traced or effects is not None)
         super().__init__(options, buffers, scenario.settings_of(options), threads, effects)
         self.options: Options = options
-        self._real: Any = None
+        self.real: Any = None
         if back_end == "highway_env":
             if effects is not None:
                 raise UserError("highway-env can't drive without its ego: use the core")
             from socialiq.worlds.intersection.reference import Reference
 
-            self._real = Reference(options, self.buffers)
+            self.real = Reference(options, self.buffers)
 
     def _core(self) -> tuple[Any, Any, np.ndarray]:
         from socialiq.worlds.intersection.core import geometry, step  # import Numba when needed
@@ -77,12 +77,12 @@ class Batch(RoadBatch):
         return step, 0, geometry.LANES
 
     def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
-        if self._real is not None:
-            self._real.run(command, seeds, seeded, actions)
+        if self.real is not None:
+            self.real.run(command, seeds, seeded, actions)
             return
         if actions.ndim == 2:  # held in the egos' records
             rows = np.flatnonzero(command != SKIP)
-            ego = rows, self.buffers.episodes["ego"][rows]
+            ego = rows, self.buffers.episodes["controlled"][rows, 0]
             acceleration, steering = commands(actions[rows])
             self.buffers.vehicles["acceleration"][ego] = acceleration
             self.buffers.vehicles["steering"][ego] = steering
@@ -110,7 +110,7 @@ class Batch(RoadBatch):
 
     @property
     def _columns(self) -> State:
-        if self._real is not None:  # which holds its state in Python objects
+        if self.real is not None:  # which holds its state in Python objects
             raise UserError("the state of highway-env can't be saved or restored: use the core")
         return super()._columns
 

@@ -7,7 +7,6 @@ from socialiq.worlds.highway.core import vehicle as motion
 from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
 from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
-from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import FASTER, LANE_LEFT, LANE_RIGHT, NORMAL, SLOWER, UNIFORM
 
 CHANGE_EVERY = 1.0  # s
@@ -20,8 +19,6 @@ ACCELERATION = 3.0  # m/s²
 DECELERATION = 5.0  # m/s²
 EXPONENT = 4.0
 
-_NO_CONTACT = int(Contact.NONE)
-
 
 @kernel
 def reset(episode, cars, road, settings):
@@ -29,8 +26,7 @@ def reset(episode, cars, road, settings):
 
     Of each vehicle are drawn, in highway-env's order: lane, place, speed, destination, driver.
     """
-    episode.time, episode.sub_steps, episode.ego = 0.0, 0, 0
-    episode.contact, episode.touched = _NO_CONTACT, -1
+    episode.time, episode.sub_steps = 0.0, 0
     episode.vehicles = len(road.entries)
     for slot in range(len(road.entries)):
         car, entry = cars[slot], road.entries[slot]
@@ -54,9 +50,10 @@ def reset(episode, cars, road, settings):
             car.destination = entry.destination + stream.up_to(episode, entry.destinations - 1)
         if entry.exponent:
             car.exponent = 3.5 + 1.0 * stream.uniform(episode)
-    ego = cars[0]
-    ego.exponent = EXPONENT
-    ego.target_speed = settings.target_speeds[motion.speed_index(ego.speed, settings)]
+    for number in range(settings.agents):
+        car = cars[number]
+        car.agent, car.exponent, episode.controlled[number] = number, EXPONENT, number
+        car.target_speed = settings.target_speeds[motion.speed_index(car.speed, settings)]
     for number in range(len(road.obstacles)):
         obstacle = cars[len(road.entries) + number]
         obstacle.identity = len(road.entries) + number
@@ -81,7 +78,7 @@ def _stand(car, x, y, heading, speed, road):
     car.push_x, car.push_y = 0.0, 0.0
     car.lane = geometry.closest_lane(road.lanes, x, y, heading, 0)
     car.target_lane = car.lane
-    car.obstacle, car.crashed, car.pushed = False, False, False
+    car.obstacle, car.crashed, car.pushed, car.agent = False, False, False, -1
 
 
 @kernel
@@ -194,9 +191,8 @@ def _worthwhile(cars, me, here, candidate, lanes):
 
 
 @kernel
-def choose(_episode, cars, action, road, settings):
-    """Carry out the ego's action: a target lane or a target speed."""
-    car = cars[0]
+def choose(car, action, road, settings):
+    """Carry out an agent's action: a target lane or a target speed."""
     _follow_road(car, road)
     if action in (FASTER, SLOWER):
         level = motion.speed_index(car.speed, settings) + (1 if action == FASTER else -1)
@@ -211,7 +207,7 @@ def choose(_episode, cars, action, road, settings):
 
 @kernel
 def control(car, road):
-    """Set the ego's steering and an unbounded proportional acceleration for a sub-step."""
+    """Set an agent's steering and an unbounded proportional acceleration for a sub-step."""
     _follow_road(car, road)
     car.steering = motion.steering(car, road.lanes[car.target_lane])
     car.acceleration = motion.SPEED_GAIN * (car.target_speed - car.speed)

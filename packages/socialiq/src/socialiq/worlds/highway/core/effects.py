@@ -206,7 +206,7 @@ def _begin_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
         """Drive the world without the ego to the common end."""
         most = ledger.driven.shape[1]
         copies, vehicles = copied(buffers, row, most)
-        ego, wrecked = copies[0].ego, np.zeros(most)
+        ego, wrecked = copies[0].controlled[0], np.zeros(most)
         for identity in range(most):
             ledger.relation[row, identity], ledger.wrecked[row, identity] = -1, 0.0
             for what in range(2):
@@ -302,11 +302,11 @@ def _follow_up_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
         ending, most = buffers.ending[row], len(moved)
         copies, vehicles = copied(buffers, row, most)
         if ending == _LEFT:
-            vehicles[copies[0].ego].crashed = True
+            vehicles[copies[0].controlled[0]].crashed = True
         elif ending == _TIMED_OUT and effects.released:
             release(copies[0], vehicles, road, settings)
         elif ending in (_ARRIVED, _TIMED_OUT):
-            remove(copies[0], vehicles, copies[0].ego)
+            remove(copies[0], vehicles, copies[0].controlled[0])
         arrivals, wrecked = ledger.arrivals[row], ledger.wrecked[row].copy()
         for later in range(number + 1, effects.decisions):
             drive_on(
@@ -335,15 +335,15 @@ def _look_ahead_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
         """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
         most = ledger.driven.shape[1]
         copies, vehicles = copied(buffers, row, most)
-        ego_identity, moved = vehicles[copies[0].ego].identity, np.zeros((most, 2))
+        ego_identity, moved = vehicles[copies[0].controlled[0]].identity, np.zeros((most, 2))
         wrecked, arrivals = ledger.wrecked[row].copy(), ledger.arrivals[row]
         if action < 0:
-            remove(copies[0], vehicles, copies[0].ego)
+            remove(copies[0], vehicles, copies[0].controlled[0])
         for identity in range(most):
             ledger.ahead[row, identity, 0], ledger.ahead[row, identity, 1] = np.nan, np.nan
         for later in range(AHEAD):
             if action >= 0:
-                choose(copies[0], vehicles, action, road, settings)
+                choose(vehicles[copies[0].controlled[0]], action, road, settings)
             drive_on(
                 copies,
                 vehicles,

@@ -179,16 +179,20 @@ _PERCEPTION = 200.0  # m
 
 
 @kernel
-def observe(vehicles, count, ego, along, tie, sight, observation):
+def observe(vehicles, count, ego, seen, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
+
+    Seen are given by the coordinates along the ego's lane by slot, m, the `tie`, the SIGHT record
+    and the quarter turns, from east to north, of the frame.
 
     Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
     on the ego's lane, so rounding often decides their order; with `tie`, m, the list's order
-    decides. Coordinates along the ego's lane are given by slot, m.
+    decides.
     """
+    along, tie, sight, turns = seen
     observation[:] = 0.0
     me = vehicles[ego]
-    _write(me, 0.0, 0.0, 0.0, 0.0, sight, observation[0])
+    _write(me, 0.0, 0.0, 0.0, 0.0, sight, turns, observation[0])
     slots, distances, visible = np.empty(count, np.int64), np.empty(count), 0
     for slot in range(count):
         if slot == ego:
@@ -209,17 +213,28 @@ def observe(vehicles, count, ego, along, tie, sight, observation):
     if sight.relative:
         x, y, vx, vy = me.x, me.y, me.speed * me.along_x, me.speed * me.along_y
     for row in range(min(visible, len(observation) - 1)):
-        _write(vehicles[slots[row]], x, y, vx, vy, sight, observation[row + 1])
+        _write(vehicles[slots[row]], x, y, vx, vy, sight, turns, observation[row + 1])
 
 
 @kernel
-def _write(vehicle, x, y, vx, vy, sight, row):
+def _write(vehicle, x, y, vx, vy, sight, turns, row):
+    dx, dy = _turned(vehicle.x - x, vehicle.y - y, turns)
+    along_x, along_y = vehicle.along_x, vehicle.along_y
+    speed_x, speed_y = vehicle.speed * along_x - vx, vehicle.speed * along_y - vy
+    speed_x, speed_y = _turned(speed_x, speed_y, turns)
     row[0] = 1.0
-    row[1] = _scaled(vehicle.x - x, sight.x)
-    row[2] = _scaled(vehicle.y - y, sight.y)
-    row[3] = _scaled(vehicle.speed * vehicle.along_x - vx, sight.vx)
-    row[4] = _scaled(vehicle.speed * vehicle.along_y - vy, sight.vy)
-    row[5], row[6] = vehicle.along_x, vehicle.along_y
+    row[1], row[2] = _scaled(dx, sight.x), _scaled(dy, sight.y)
+    row[3], row[4] = _scaled(speed_x, sight.vx), _scaled(speed_y, sight.vy)
+    row[5], row[6] = _turned(along_x, along_y, turns)
+
+
+@kernel
+def _turned(x, y, turns):
+    if turns == 0:
+        return x, y
+    if turns == 1:
+        return y, -x
+    return (-x, -y) if turns == 2 else (-y, x)
 
 
 @kernel

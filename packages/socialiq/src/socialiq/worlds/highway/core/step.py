@@ -14,7 +14,7 @@ from socialiq.worlds.highway.core.vehicle import advance, collide
 from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
 
-_NO_ENDING, _NO_CONTACT = int(Ending.NONE), int(Contact.NONE)
+_NO_ENDING, _COLLIDED, _NO_CONTACT = int(Ending.NONE), int(Ending.COLLISION), int(Contact.NONE)
 
 
 class RoadKernels(NamedTuple):
@@ -22,12 +22,12 @@ class RoadKernels(NamedTuple):
 
     lane: Callable[..., Any]  # (number, road) -> record of a lane
     coordinate: Callable[..., Any]  # (vehicle, road) -> its metres along the task
-    # (vehicles, slot, ego, road) -> whether it entered by the ego's approach
+    # (vehicles, slot, agent's slot, road) -> whether it entered by the agent's approach
     same_origin: Callable[..., Any]
     arrived: Callable[..., Any]  # (vehicle, road) -> whether it has arrived
     sight: Callable[..., Any]  # (road) -> SIGHT record
-    # (episode, vehicles, action, road, settings): begin an action of the ego
-    choose: Callable[..., Any]
+    turns: Callable[..., Any]  # (vehicle, road, settings) -> quarter turns of its view
+    choose: Callable[..., Any]  # (vehicle, action, road, settings): begin an agent's action
     sub_step: Callable[..., Any]  # (episode, vehicles, road, settings): advance all by a sub-step
     # (episode, vehicles, road, settings): remove and add vehicles after a decision
     renew: Callable[..., Any]
@@ -50,55 +50,87 @@ def _copy(vehicles, count, target):
 
 
 def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
-    """Return the kernel (buffers, row, command, action, road, settings) of a road's commands."""
-    lane_of, sight, records = kernels.lane, kernels.sight, kernels.records
+    """Return the kernel (buffers, row, command, actions, road, settings) of a road's commands.
+
+    Agents' results and actions have a row each, those of an episode in turn.
+    """
+    lane_of, sight, turns = kernels.lane, kernels.sight, kernels.turns
     coordinate, choose, sub_step = kernels.coordinate, kernels.choose, kernels.sub_step
-    renew, reset = kernels.renew, kernels.reset
+    renew, remove, reset, records = kernels.renew, kernels.remove, kernels.reset, kernels.records
 
     @kernel
-    def observe(vehicles, count, ego, road, settings, observation):
-        lane, along = lane_of(vehicles[ego].lane, road), np.empty(count)
+    def observe(vehicles, count, slot_of_agent, road, settings, observation):
+        agent, along = vehicles[slot_of_agent], np.empty(count)
+        lane, turned = lane_of(agent.lane, road), turns(agent, road, settings)
         for slot in range(count):
             along[slot] = longitudinal(lane, vehicles[slot].x, vehicles[slot].y)
-        rewards.observe(vehicles, count, ego, along, settings.tie, sight(road), observation)
+        seen = along, settings.tie, sight(road), turned
+        rewards.observe(vehicles, count, slot_of_agent, seen, observation)
 
     annotate = _annotate_of(kernels, observe)
 
     @kernel
-    def decide(buffers, row, action, road, settings):
+    def decide(buffers, row, actions, road, settings):
         """Run the sub-steps of one decision; write snapshots before and after them."""
         episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
         _copy(vehicles, records(episode.vehicles, vehicles), buffers.before[row])
         episode.time += settings.decision
-        choose(episode, vehicles, action, road, settings)
+        for number in range(settings.agents):
+            slot = episode.controlled[number]
+            if slot >= 0:
+                choose(vehicles[slot], actions[row * settings.agents + number], road, settings)
         for frame in range(settings.frames):
             sub_step(episode, vehicles, road, settings)
             if len(buffers.trace):
                 _copy(vehicles, records(episode.vehicles, vehicles), buffers.trace[row, frame])
         _copy(vehicles, records(episode.vehicles, vehicles), buffers.after[row])
-        buffers.present[row, 0], buffers.present[row, 1] = episode.vehicles, episode.ego
+        buffers.present[row, 0] = episode.vehicles
+        for number in range(settings.agents):
+            buffers.present[row, 1 + number] = episode.controlled[number]
 
     @kernel
-    def carry_out(buffers, row, command, action, road, settings):
+    def depart(episode, vehicles):
+        """Remove wrecks, and agents that have arrived."""
+        for slot in range(episode.vehicles - 1, -1, -1):
+            number = vehicles[slot].agent
+            if vehicles[slot].crashed or (number >= 0 and episode.ended[number] != _NO_ENDING):
+                remove(episode, vehicles, slot)
+
+    @kernel
+    def begin(buffers, row, road, settings):
+        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+        for number in range(settings.agents):
+            episode.controlled[number], episode.ended[number] = -1, _NO_ENDING
+            episode.contact[number], episode.touched[number] = _NO_CONTACT, -1
+        reset(episode, vehicles, road, settings)
+        count = records(episode.vehicles, vehicles)
+        for number in range(settings.agents):
+            slot, result = episode.controlled[number], row * settings.agents + number
+            episode.start[number] = coordinate(vehicles[slot], road)
+            observe(vehicles, count, slot, road, settings, buffers.observation[result])
+
+    @kernel
+    def carry_out(buffers, row, command, actions, road, settings):
         if command == SKIP:
             return
-        episode, vehicles, ending = buffers.episodes[row], buffers.vehicles[row], _NO_ENDING
+        episode, vehicles, ended = buffers.episodes[row], buffers.vehicles[row], False
         deciding = command in (DECIDE, DECIDE_AND_RESET)
         if deciding:
-            decide(buffers, row, action, road, settings)
+            decide(buffers, row, actions, road, settings)
         if command != RESET:
-            ending = annotate(buffers, row, road, settings)
+            ended = annotate(buffers, row, road, settings)
             # Assigning whole arrays compiles NumPy's broadcasting and its messages, for seconds.
-            for slot in range(buffers.reached.shape[1]):
-                for feature in range(buffers.reached.shape[2]):
-                    buffers.observation[row, slot, feature] = buffers.reached[row, slot, feature]
+            for result in range(row * settings.agents, (row + 1) * settings.agents):
+                for slot in range(buffers.reached.shape[1]):
+                    for feature in range(buffers.reached.shape[2]):
+                        reached = buffers.reached[result, slot, feature]
+                        buffers.observation[result, slot, feature] = reached
         if deciding:
+            if settings.each:
+                depart(episode, vehicles)
             renew(episode, vehicles, road, settings)
-        if command == RESET or (command == DECIDE_AND_RESET and ending != _NO_ENDING):
-            reset(episode, vehicles, road, settings)
-            episode.start = coordinate(vehicles[episode.ego], road)
-            count = records(episode.vehicles, vehicles)
-            observe(vehicles, count, episode.ego, road, settings, buffers.observation[row])
+        if command == RESET or (command == DECIDE_AND_RESET and ended):
+            begin(buffers, row, road, settings)
 
     return carry_out
 
@@ -113,11 +145,11 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
         return on_lane(lane_of(vehicle.lane, road), vehicle.x, vehicle.y, 0.0)
 
     @kernel
-    def write_signals(before, after, count, slot_of_ego, start, ending, road, settings, row):
+    def write_signals(before, after, count, slot_of_agent, start, ending, road, settings, row):
         signals, braking = row
-        ego = after[slot_of_ego]
+        ego = after[slot_of_agent]
         reached = coordinate(ego, road)
-        advanced = reached - coordinate(before[slot_of_ego], road)
+        advanced = reached - coordinate(before[slot_of_agent], road)
         rewards.env_signals(advanced, is_on_road(ego, road), ego.speed, ending, settings, signals)
         lane = lane_of(ego.lane, road)
         along, travelled = longitudinal(lane, ego.x, ego.y), reached - start
@@ -126,37 +158,75 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
         for slot in range(count):
             vehicle = after[slot]
             apart = distance(vehicle.x, vehicle.y, ego.x, ego.y)
-            same = same_origin(after, slot, slot_of_ego, road)
+            same = same_origin(after, slot, slot_of_agent, road)
             counts = rewards.counts(apart, same, lane_of(vehicle.target_lane, road).kind, settings)
-            counted[slot] = slot != slot_of_ego and counts
+            counted[slot] = slot != slot_of_agent and counts
             lost[slot] = before[slot].speed - vehicle.speed
         rewards.social_signals(ego.speed, within, counted, lost, ending, settings, signals, braking)
 
     @kernel
-    def annotate(buffers, row, road, settings):
+    def clear(buffers, result):
+        """Write the results of an agent that has left."""
+        for slot in range(buffers.reached.shape[1]):
+            for feature in range(buffers.reached.shape[2]):
+                buffers.reached[result, slot, feature] = 0.0
+        for slot in range(buffers.braking.shape[1]):
+            buffers.braking[result, slot] = False
+        for signal in range(buffers.signals.shape[1]):
+            buffers.signals[result, signal] = 0.0
+        for side in range(2):
+            buffers.rewards[result, side], buffers.classical[result, side] = 0.0, 0.0
+        buffers.speed[result], buffers.contact[result] = 0.0, _NO_CONTACT
+        buffers.neighbours_collided[result] = 0
+
+    @kernel
+    def annotate_agent(buffers, row, number, result, on_road, road, settings):
+        """Write an agent's results, and return its ending; what follows its ending pays nothing."""
         episode, before, after = buffers.episodes[row], buffers.before[row], buffers.after[row]
-        count, slot = buffers.present[row, 0], buffers.present[row, 1]
+        count, slot = buffers.present[row, 0], buffers.present[row, 1 + number]
+        earlier = episode.ended[number]
+        if slot < 0:
+            clear(buffers, result)
+            return earlier
         ego = after[slot]
-        observe(after, records(count, after), slot, road, settings, buffers.reached[row])
-        left = settings.offroad_terminal and not is_on_road(ego, road)
+        observe(after, records(count, after), slot, road, settings, buffers.reached[result])
+        left = settings.offroad_terminal and not on_road[slot]
         late = episode.time >= settings.duration
         ending = rewards.ending_of(ego.crashed, left, arrived(ego, road), late)
-        signals = buffers.signals[row]
-        written = signals, buffers.braking[row]
-        write_signals(before, after, count, slot, episode.start, ending, road, settings, written)
+        signals, start = buffers.signals[result], episode.start[number]
+        written = signals, buffers.braking[result]
+        write_signals(before, after, count, slot, start, ending, road, settings, written)
+        if earlier == _NO_ENDING:
+            episode.ended[number] = ending
+        else:
+            for signal in range(len(signals)):
+                signals[signal] = 0.0
         r_env, r_social = rewards.pair(signals, settings)
-        buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
-        on_road = np.empty(count, np.bool_)
-        for number in range(count):
-            on_road[number] = is_on_road(after[number], road)
+        buffers.rewards[result, 0], buffers.rewards[result, 1] = r_env, r_social
         ego_reward, neighbours = rewards.classical(before, after, on_road, count, slot, settings)
-        buffers.classical[row, 0], buffers.classical[row, 1] = ego_reward, neighbours
-        buffers.speed[row], buffers.ending[row] = ego.speed, ending
-        buffers.contact[row] = episode.contact if ego.crashed else _NO_CONTACT
-        touched = episode.touched if ego.crashed else -1
+        buffers.classical[result, 0], buffers.classical[result, 1] = ego_reward, neighbours
+        buffers.speed[result] = ego.speed
+        buffers.contact[result] = episode.contact[number] if ego.crashed else _NO_CONTACT
+        touched = episode.touched[number] if ego.crashed else -1
         crashed = rewards.neighbours_collided(before, after, count, slot, touched)
-        buffers.neighbours_collided[row] = crashed
+        buffers.neighbours_collided[result] = crashed
         return ending
+
+    @kernel
+    def annotate(buffers, row, road, settings):
+        """Write the results of all agents, and return whether the episode has ended."""
+        after, count = buffers.after[row], buffers.present[row, 0]
+        on_road = np.empty(count, np.bool_)
+        for slot in range(count):
+            on_road[slot] = is_on_road(after[slot], road)
+        driving, crashed = 0, False
+        for number in range(settings.agents):
+            result = row * settings.agents + number
+            ending = annotate_agent(buffers, row, number, result, on_road, road, settings)
+            buffers.ending[result] = ending
+            driving += ending == _NO_ENDING
+            crashed |= ending == _COLLIDED
+        return driving == 0 or (crashed and not settings.each)
 
     return annotate
 
@@ -166,7 +236,7 @@ def _sub_step(episode, cars, road, settings):
     """Advance by a sub-step: decisions in the order of entry, motion, then collisions."""
     count = episode.vehicles
     for slot in range(count):
-        if slot == episode.ego:
+        if cars[slot].agent >= 0:
             drivers.control(cars[slot], road)
         else:
             drivers.drive(cars, count, slot, road)
@@ -175,9 +245,7 @@ def _sub_step(episode, cars, road, settings):
         car.timer += settings.dt
         advance(car, settings.dt)
         car.lane = closest_lane(road.lanes, car.x, car.y, car.heading, car.lane)
-    contact, touched = episode.contact, episode.touched
-    struck = collide(cars, count, len(cars), 0, settings.dt, 0.0, contact, touched)
-    episode.contact, episode.touched = struck
+    collide(episode, cars, len(cars), settings.agents, settings.dt, 0.0)
 
 
 @kernel
@@ -211,6 +279,11 @@ def _sight(road):
 
 
 @kernel
+def _turns(_car, _road, _settings):
+    return 0
+
+
+@kernel
 def _renew(_episode, _cars, _road, _settings):
     """Leave the vehicles as they are."""
 
@@ -226,17 +299,19 @@ def _leaves(_car, _road):
 
 
 @kernel
-def _release(episode, _cars, _road, _settings):
-    episode.ego = -1
+def _release(episode, cars, _road, _settings):
+    cars[0].agent, episode.controlled[0] = -1, -1
 
 
 _FAR = 1e6  # m, where removed vehicles stand
 
 
 @kernel
-def _remove(_episode, cars, slot):
+def _remove(episode, cars, slot):
     """Put a vehicle out of reach of all others: entries belong to slots."""
     car = cars[slot]
+    if car.agent >= 0:
+        episode.controlled[car.agent] = -1
     car.x, car.y, car.speed, car.target_speed = _FAR * (2 + slot), _FAR, 0.0, 0.0
     car.steering, car.acceleration, car.pushed = 0.0, 0.0, False
 
@@ -246,7 +321,7 @@ def _relation(car, slot, _ego, road):
     return 0 if _same_origin(car, slot, 0, road) else 2
 
 
-_TABLES = _lane, _coordinate, _same_origin, _arrived, _sight
+_TABLES = _lane, _coordinate, _same_origin, _arrived, _sight, _turns
 _CHANGES = drivers.choose, _sub_step, _renew, drivers.reset
 _KERNELS = RoadKernels(*_TABLES, *_CHANGES, _records, _leaves, _release, _remove, _relation)
 _carry_out = carry_out_of(_KERNELS)
@@ -259,7 +334,7 @@ def _entry(sources: int):
         for row in range(first, end):
             if seeded[row]:
                 stream.seed(buffers.episodes[row], entropy[row])
-            _carry_out(buffers, row, commands[row], actions[row], road, options[0])
+            _carry_out(buffers, row, commands[row], actions, road, options[0])
         return sources  # so that the cache depends on the sources; see `compile.fingerprint`
 
     return run
@@ -283,7 +358,7 @@ Args:
     buffers: Arrays read and written, `options.Buffers`.
     commands: One of `options`' commands for each episode, int8.
     entropy: Seed of each episode's stream, uint64; it begins where `seeded`, bool.
-    actions: The ego's actions, int64. Continuous ones are held in its record instead.
+    actions: The agents' actions, int64. Continuous ones are held in their records instead.
     options: SETTINGS record in an array of one.
     road: Tables of the scene, `scenes.Road`; of the intersection 0.
     first: First episode of the part to do, up to `end`.
@@ -301,12 +376,16 @@ def _off_road_entry(sources: int):
     @entry_point
     def run(lanes, vehicles, present, off_road, first, end):
         for row in range(first, end):
-            ego = vehicles[row, present[row, 1]]
-            off_road[row] = not on_lane(lanes[ego.lane], ego.x, ego.y, 0.0)
+            for number in range(present.shape[1] - 1):
+                slot, left = present[row, 1 + number], False
+                if slot >= 0:
+                    car = vehicles[row, slot]
+                    left = not on_lane(lanes[car.lane], car.x, car.y, 0.0)
+                off_road[row, number] = left
         return sources
 
     return run
 
 
 off_road: Any = _off_road_entry(fingerprint())
-"""Write whether each ego's centre is beyond its closest lane, on any road, bool (batch,)."""
+"""Write whether each agent is beyond its closest lane, on any road, bool (batch, agents)."""

@@ -137,17 +137,21 @@ _EGO_STRUCK, _EGO_WAS_STRUCK = int(Contact.EGO_STRUCK), int(Contact.EGO_WAS_STRU
 
 
 @kernel
-def collide(vehicles, count, records, ego, dt, tie, contact, touched):
+def collide(episode, vehicles, records, agents, dt, tie):
     """Mark what overlaps as crashed, and push apart what overlaps or will in a sub-step.
 
     Two vehicles are pushed by half each, a vehicle at an obstacle by the whole. A push takes
     effect, and marks the crash, in the next sub-step; the last push of a vehicle counts.
 
-    Of so many records the first `count` are vehicles, the others obstacles; there may be no ego,
-    slot -1. Depths closer than `tie`, m, are equal. Returned are the ego's `Contact` and the
-    identity of what it touched, the last ones, as given, if it touches nothing.
+    Of so many records the episode's are vehicles, the others obstacles. Depths closer than `tie`,
+    m, are equal. Of each agent that touches anything are kept the last `Contact` and the identity
+    of what it touched.
     """
-    intact = ego >= 0 and not vehicles[ego].crashed
+    count, intact = episode.vehicles, 0  # a bit for each agent
+    for number in range(agents):
+        slot = episode.controlled[number]
+        if slot >= 0 and not vehicles[slot].crashed:
+            intact |= 1 << number
     for first in range(count):
         car = vehicles[first]
         for second in range(first + 1, records):
@@ -164,10 +168,17 @@ def collide(vehicles, count, records, ego, dt, tie, contact, touched):
                 partner.push_x, partner.push_y, partner.pushed = -push_x / 2, -push_y / 2, True
             if overlap:
                 car.crashed, partner.crashed = True, True
-            if intact and (overlap or will_overlap) and (first == ego or second == ego):
-                touching = partner if first == ego else car
-                contact, touched = _who_struck(vehicles[ego], touching), touching.identity
-    return contact, touched
+            if intact and (overlap or will_overlap):
+                _note_contact(episode, intact, car, partner)
+                _note_contact(episode, intact, partner, car)
+
+
+@kernel
+def _note_contact(episode, intact, vehicle, touching):
+    number = vehicle.agent
+    if number >= 0 and intact >> number & 1:
+        episode.contact[number] = _who_struck(vehicle, touching)
+        episode.touched[number] = touching.identity
 
 
 @kernel

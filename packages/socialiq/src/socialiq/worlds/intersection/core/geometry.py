@@ -62,16 +62,26 @@ _TURNS = {RIGHT: 3, LEFT: 1, STRAIGHT: 2}  # arms from that of origin to that of
 
 
 def _routes() -> np.ndarray:
-    routes = np.full((4, 4, 3), -1, np.int64)
+    routes = np.full((4, 4, 6), -1, np.int64)
     for origin in range(4):
         for kind, arms in _TURNS.items():
             arm = (origin + arms) % 4
-            routes[origin, arm] = 5 * origin, 5 * origin + kind, 5 * ((arm + 1) % 4) + EXIT
+            routes[origin, arm, :3] = 5 * origin, 5 * origin + kind, 5 * ((arm + 1) % 4) + EXIT
+    for arm in range(4):  # back to it by way of the first arm in order of number that isn't it
+        turning = 1 if arm == 0 else 0
+        routes[arm, arm] = *routes[arm, turning, :3], *routes[turning, arm, :3]
     return routes
 
 
 ROUTES = _routes()
-"""Three lanes of a route, by the arm of origin and the arm of exit."""
+"""Lanes of a route, by the arm of origin and the arm of exit; -1 after its end.
+
+A route back to the arm of origin, which highway-env gives to some of several agents, turns at the
+end of another exit.
+"""
+
+LEGS = (ROUTES >= 0).sum(axis=2)
+"""Number of lanes of each route."""
 
 
 def _connected() -> tuple[np.ndarray, np.ndarray]:

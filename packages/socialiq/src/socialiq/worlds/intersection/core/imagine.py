@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, UInt64
 
+from socialiq.types import Ending
 from socialiq.worlds.highway.core import stream
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
 from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
@@ -30,7 +31,7 @@ from socialiq.worlds.intersection.options import (
 HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second
 ROUTE_SCALE = 0.2  # m or rad of misfit by which one way across becomes e times less likely
 
-_NO_CONTACT = int(Contact.NONE)
+_NO_CONTACT, _NO_ENDING = int(Contact.NONE), int(Ending.NONE)
 
 
 @kernel
@@ -60,9 +61,10 @@ def _imagine(observation, episode, vehicles, settings):
         follow_road(vehicle)
         count += 1
     episode.time, episode.sub_steps, episode.vehicles = 0.0, settings.warm_up, count
-    episode.ego, episode.start = 0, route_coordinate(vehicles[0], 0)
-    episode.next_identity, episode.contact, episode.touched = count, _NO_CONTACT, -1
-    enforce(vehicles, count, 0, settings)
+    vehicles[0].agent, episode.controlled[0] = 0, 0
+    episode.start[0], episode.next_identity = route_coordinate(vehicles[0], 0), count
+    episode.contact[0], episode.touched[0], episode.ended[0] = _NO_CONTACT, -1, _NO_ENDING
+    enforce(vehicles, count, settings)
 
 
 @kernel
@@ -75,7 +77,7 @@ def _place(row, vehicle, tie):
     vehicle.steering, vehicle.acceleration, vehicle.desired_speed = 0.0, 0.0, math.inf
     vehicle.push_x, vehicle.push_y = 0.0, 0.0
     vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, 0, tie)
-    vehicle.yielding, vehicle.crashed, vehicle.pushed = False, False, False
+    vehicle.yielding, vehicle.crashed, vehicle.pushed, vehicle.agent = False, False, False, -1
 
 
 @kernel

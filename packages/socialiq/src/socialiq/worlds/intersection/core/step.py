@@ -16,7 +16,6 @@ from socialiq.worlds.highway.core.geometry import (
 from socialiq.worlds.highway.core.step import RoadKernels, carry_out_of
 from socialiq.worlds.highway.core.vehicle import advance, collide, speed_index
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.core import traffic
 from socialiq.worlds.intersection.core.geometry import LANES, closest_lane
 from socialiq.worlds.intersection.options import SIGHT, SPEED_LIMIT
@@ -24,10 +23,9 @@ from socialiq.worlds.intersection.options import SIGHT, SPEED_LIMIT
 INITIAL_PROBABILITY = 0.6  # of each spawn before the episode, whatever spawn_probability is
 ENTRY_SPEED = 8.0  # m/s, mean
 SPAWN_DISTANCE = 15.0  # m that must be free
-EGO_DISTANCE = 20.0  # m cleared around the ego
-CHALLENGER_AT = 60.0  # m along its approach, as for the ego
-
-_NO_CONTACT = int(Contact.NONE)
+AGENT_DISTANCE = 20.0  # m cleared around an agent
+AGENT_AT = CHALLENGER_AT = 60.0  # m along the approach
+AGENTS_APART = 20.0  # m between agents of one approach
 
 
 @kernel
@@ -71,7 +69,7 @@ def _enter(episode, vehicles, x, y, heading, speed, origin, destination, tie):
     vehicle.lane = closest_lane(x, y, heading, 5 * origin, tie)
     vehicle.target_lane = vehicle.lane
     vehicle.origin, vehicle.destination, vehicle.leg = origin, destination, 0
-    vehicle.yielding, vehicle.crashed, vehicle.pushed = False, False, False
+    vehicle.yielding, vehicle.crashed, vehicle.pushed, vehicle.agent = False, False, False, -1
     episode.vehicles += 1
     episode.next_identity += 1
     return vehicle
@@ -104,29 +102,27 @@ def _move_slot(episode, vehicles, slot, target):
     if target == slot:
         return
     vehicles[target] = vehicles[slot]
-    if slot == episode.ego:
-        episode.ego = target
+    if vehicles[target].agent >= 0:
+        episode.controlled[vehicles[target].agent] = target
 
 
 @kernel
 def _sub_step(episode, vehicles, _road, settings):
     """Advance by a sub-step: decisions, road rules if due, motion, then collisions."""
-    count, ego = episode.vehicles, episode.ego
+    count = episode.vehicles
     for slot in range(count):
-        if slot != ego:
+        if vehicles[slot].agent < 0:
             traffic.drive(vehicles, count, slot, settings)
         elif not settings.continuous:  # else the record holds the command
             traffic.control(vehicles[slot])
     episode.sub_steps += 1
     if episode.sub_steps % settings.rule_period == 0:
-        traffic.enforce(vehicles, count, ego, settings)
+        traffic.enforce(vehicles, count, settings)
     for slot in range(count):
         car = vehicles[slot]
         advance(car, settings.dt)
         car.lane = closest_lane(car.x, car.y, car.heading, car.lane, settings.tie)
-    contact, touched = episode.contact, episode.touched
-    struck = collide(vehicles, count, count, ego, settings.dt, settings.tie, contact, touched)
-    episode.contact, episode.touched = struck
+    collide(episode, vehicles, count, settings.agents, settings.dt, settings.tie)
 
 
 @kernel
@@ -134,10 +130,9 @@ def _reset(episode, vehicles, road, settings):
     """Start an episode from the stream.
 
     Vehicles spawn along 80 m of the approaches and drive on; then another enters near the junction,
-    and the ego, around which space is cleared.
+    and the agents, around which space is cleared.
     """
-    episode.time, episode.sub_steps, episode.vehicles, episode.ego = 0.0, 0, 0, -1
-    episode.next_identity, episode.contact, episode.touched = 0, _NO_CONTACT, -1
+    episode.time, episode.sub_steps, episode.vehicles, episode.next_identity = 0.0, 0, 0, 0
     tries = settings.initial_vehicle_count - 1
     for number in range(tries):
         along = number * (80.0 / tries)
@@ -145,21 +140,32 @@ def _reset(episode, vehicles, road, settings):
     for _ in range(settings.warm_up):
         _sub_step(episode, vehicles, road, settings)
     _spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
+    for number in range(settings.agents):
+        _enter_agent(episode, vehicles, number, settings)
+
+
+@kernel
+def _enter_agent(episode, vehicles, number, settings):
+    """Let an agent enter, on the arms in turn and from the fifth on further back; clear space."""
+    arm, row = number % 4, number // 4
     destination = settings.destination
     if destination == 0:
         destination = 1 + stream.up_to(episode, 2)
-    x, y = position(LANES[0], 60.0 + 5.0 * (1.0 + stream.normal(episode)))
-    episode.ego = episode.vehicles
-    heading = heading_at(LANES[0], 60.0)
-    ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
+    if settings.own_frame:
+        destination = (arm + destination) % 4
+    lane = LANES[5 * arm]
+    along = AGENT_AT - AGENTS_APART * row + 5.0 * (1.0 + stream.normal(episode))
+    x, y = position(lane, along)
+    heading, slot = heading_at(lane, AGENT_AT), episode.vehicles
+    agent = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, arm, destination, settings.tie)
+    agent.agent, episode.controlled[number] = number, slot
     if not settings.continuous:
-        ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
-    episode.contact, episode.touched = _NO_CONTACT, -1
+        agent.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
     count = 0
     for slot in range(episode.vehicles):
         vehicle = vehicles[slot]
-        crowding = distance(vehicle.x, vehicle.y, x, y) < EGO_DISTANCE
-        if slot == episode.ego or not crowding:
+        crowding = distance(vehicle.x, vehicle.y, x, y) < AGENT_DISTANCE
+        if vehicle.agent >= 0 or not crowding:
             _move_slot(episode, vehicles, slot, count)
             count += 1
     episode.vehicles = count
@@ -175,10 +181,10 @@ def _leaves(vehicle, _road):
 
 @kernel
 def _renew(episode, vehicles, road, settings):
-    """Remove the vehicles in the last 20 m of an exit, never the ego, and try a spawn."""
+    """Remove the vehicles in the last 20 m of an exit, never an agent, and try a spawn."""
     count = 0
     for slot in range(episode.vehicles):
-        if slot == episode.ego or not _leaves(vehicles[slot], road):
+        if vehicles[slot].agent >= 0 or not _leaves(vehicles[slot], road):
             _move_slot(episode, vehicles, slot, count)
             count += 1
     episode.vehicles = count
@@ -201,6 +207,11 @@ def _sight(_road):
 
 
 @kernel
+def _turns(vehicle, _road, settings):
+    return vehicle.origin if settings.own_frame else 0
+
+
+@kernel
 def _records(count, _vehicles):
     return count
 
@@ -208,7 +219,7 @@ def _records(count, _vehicles):
 @kernel
 def _release(episode, vehicles, _road, settings):
     """Make the ego the mean driver of the population."""
-    ego, mean = vehicles[episode.ego], settings.population[:, 0]
+    ego, mean = vehicles[episode.controlled[0]], settings.population[:, 0]
     ego.exponent, ego.desired_speed, ego.time_headway, ego.jam_distance = (
         4.0,
         mean[0],
@@ -217,13 +228,13 @@ def _release(episode, vehicles, _road, settings):
     )
     ego.max_acceleration, ego.comfort_deceleration = mean[3], mean[4]
     ego.target_speed = min(SPEED_LIMIT, ego.desired_speed)
-    episode.ego = -1
+    ego.agent, episode.controlled[0] = -1, -1
 
 
 @kernel
 def _remove(episode, vehicles, slot):
-    if slot == episode.ego:
-        episode.ego = -1
+    if vehicles[slot].agent >= 0:
+        episode.controlled[vehicles[slot].agent] = -1
     for following in range(slot + 1, episode.vehicles):
         _move_slot(episode, vehicles, following, following - 1)
     episode.vehicles -= 1
@@ -236,7 +247,7 @@ def _relation(vehicle, _slot, ego, _road):
     return 1 if vehicle.destination == ego.destination else 2
 
 
-_TABLES = _lane, traffic.route_coordinate, _same_origin, traffic.arrived, _sight
+_TABLES = _lane, traffic.route_coordinate, _same_origin, traffic.arrived, _sight, _turns
 _CHANGES = traffic.choose, _sub_step, _renew, _reset
 _KERNELS = RoadKernels(*_TABLES, *_CHANGES, _records, _leaves, _release, _remove, _relation)
 _carry_out = carry_out_of(_KERNELS)
@@ -249,7 +260,7 @@ def _entry(sources: int):
         for row in range(first, end):
             if seeded[row]:
                 stream.seed(buffers.episodes[row], entropy[row])
-            _carry_out(buffers, row, commands[row], actions[row], road, options[0])
+            _carry_out(buffers, row, commands[row], actions, road, options[0])
         return sources
 
     return run

@@ -11,10 +11,9 @@ from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
 from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
 from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.intersection.core import geometry as crossing
-from socialiq.worlds.intersection.core.geometry import LANES, ROUTES
+from socialiq.worlds.intersection.core.geometry import LANES, LEGS, ROUTES
 from socialiq.worlds.intersection.options import FASTER, IDLE, SPEED_LIMIT, VEHICLE
 
-LEG_COUNT = 3
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
 
 
@@ -22,16 +21,19 @@ EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
 def follow_road(vehicle):
     """Select the route's next lane from 2.5 m before the end of the current lane.
 
-    An exit has no next lane: vehicles are removed before its end.
+    After an exit follows the approach of its arm: only an agent gets there.
     """
     lane = LANES[vehicle.target_lane]
     if longitudinal(lane, vehicle.x, vehicle.y) <= lane.length - VEHICLE_LENGTH / 2:
         return
-    if vehicle.leg < LEG_COUNT:
+    legs = LEGS[vehicle.origin, vehicle.destination]
+    if vehicle.leg < legs:
         if ROUTES[vehicle.origin, vehicle.destination, vehicle.leg] == vehicle.target_lane:
             vehicle.leg += 1
-        if vehicle.leg < LEG_COUNT:
+        if vehicle.leg < legs:
             vehicle.target_lane = ROUTES[vehicle.origin, vehicle.destination, vehicle.leg]
+        elif vehicle.target_lane % 5 == EXIT:
+            vehicle.target_lane = 5 * ((vehicle.target_lane // 5 + 3) % 4)
 
 
 @kernel
@@ -92,11 +94,10 @@ def drive(vehicles, count, me, settings):
 
 
 @kernel
-def choose(episode, vehicles, action, _road, settings):
+def choose(vehicle, action, _road, settings):
     """Set the target speed that an action selects; IDLE keeps the current target speed."""
     if settings.continuous:
         return
-    vehicle = vehicles[episode.ego]
     follow_road(vehicle)
     if action != IDLE:
         change = 1 if action == FASTER else -1
@@ -142,10 +143,10 @@ _SURELY_APART = VEHICLE_LENGTH * VEHICLE_LENGTH * (1 + 1e-9)
 
 
 @kernel
-def enforce(vehicles, count, ego, settings):
+def enforce(vehicles, count, settings):
     """Release all vehicles, then stop the yielding vehicle of every pair whose predictions meet.
 
-    The ego never yields: where it would have to, neither vehicle does.
+    An agent never yields: where it would have to, neither vehicle does.
     """
     for slot in range(count):
         if vehicles[slot].yielding:
@@ -153,14 +154,14 @@ def enforce(vehicles, count, ego, settings):
             vehicles[slot].target_speed = min(SPEED_LIMIT, vehicles[slot].desired_speed)
     predictions = np.empty((count, N_PREDICTIONS, 3))
     for slot in range(count):
-        if slot == ego and settings.continuous:
+        if settings.continuous and vehicles[slot].agent >= 0:
             _predict_held(vehicles[slot], predictions[slot])
         else:
             _predict(vehicles[slot], predictions[slot])
     for first in range(count - 1):
         for second in range(first + 1, count):
             slot = yielder(vehicles, first, second, settings.tie)
-            if slot == ego or vehicles[slot].yielding:
+            if vehicles[slot].agent >= 0 or vehicles[slot].yielding:
                 continue
             if _meet(predictions[first], predictions[second]):
                 vehicles[slot].yielding, vehicles[slot].target_speed = True, 0.0
@@ -193,13 +194,14 @@ def _predict(vehicle, predictions):
     the vehicle; highway-env does the same.
     """
     start = longitudinal(LANES[vehicle.lane], vehicle.x, vehicle.y)
+    legs = LEGS[vehicle.origin, vehicle.destination]
     for number in range(N_PREDICTIONS):
         along = start + vehicle.speed * (PREDICTION_STEP * (number + 1))
         leg = vehicle.leg
         lane = LANES[vehicle.lane]
-        if leg < LEG_COUNT:
+        if leg < legs:
             lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
-            while leg < LEG_COUNT - 1 and along > lane.length:
+            while leg < legs - 1 and along > lane.length:
                 along -= lane.length
                 leg += 1
                 lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
