@@ -288,7 +288,7 @@ class HighwayIntersection:
     def step(self, action: Any) -> np.ndarray:
         """Take one decision, and return the observation."""
         self.before = self.vehicles
-        chosen = tuple(action) if self._several else action
+        chosen: Any = tuple(action) if self._several else action
         observation, reward, terminated, truncated, facts = self.environment.step(chosen)
         self.over, self.agents_terminated = terminated or truncated, (terminated,)
         self.after = self.environment.after
