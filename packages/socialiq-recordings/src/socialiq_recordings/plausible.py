@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
-from scipy.spatial import KDTree
 
 from socialiq.errors import UserError
 from socialiq.physics import overlap_depth, wrapped
 from socialiq_recordings.recording import FARTHEST, Refused, RoadUser, Tracks
+from socialiq_recordings.road.network import tree_of
 
 COVERAGE = 3.0
 """Standard errors that a difference may be before it is taken as an error of the file; three hold
@@ -355,7 +355,7 @@ def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " row"]) -> Overlaps:
     # A third axis separates frames, so that states of different frames are never near.
     frames = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
     points = np.stack([tracks.x[rows], tracks.y[rows], frames], axis=1)
-    first, second = rows[KDTree(points).query_pairs(reach, output_type="ndarray")].T
+    first, second = rows[tree_of(points).query_pairs(reach, output_type="ndarray")].T
     distance = np.hypot(tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first])
     near = distance < radius[tracks.track[first]] + radius[tracks.track[second]]
     first, second = first[near], second[near]

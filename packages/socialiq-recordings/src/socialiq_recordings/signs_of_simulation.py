@@ -3,7 +3,6 @@
 import re
 
 import numpy as np
-from scipy.special import bdtrc
 
 from socialiq_recordings.recording import Tracks
 
@@ -97,7 +96,10 @@ def _repeated_share(tracks: Tracks) -> float:
     np.minimum.at(low, group, track)
     np.maximum.at(high, group, track)
     repeats = low[group] != high[group]
-    vehicles, repeating = len(np.unique(track)), len(np.unique(track[repeats]))
-    if bdtrc(repeating - 1, vehicles, REPEATED) > CHANCE:
+    if repeats.mean() < REPEATED:
         return 0.0
-    return float(repeats.mean())
+    from scipy.special import bdtrc  # slow to import
+
+    vehicles, repeating = len(np.unique(track)), len(np.unique(track[repeats]))
+    by_chance = bdtrc(repeating - 1, vehicles, REPEATED) > CHANCE
+    return 0.0 if by_chance else float(repeats.mean())

@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from scipy.spatial import KDTree
 
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError, one_of
@@ -29,7 +28,14 @@ from socialiq_recordings.plausible import MeasurementError
 from socialiq_recordings.readers import FORMATS, MOST_STATES, import_file, map_of
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
-from socialiq_recordings.road.network import NO_ROAD, STEP, RoadNetwork, every_step, shapely
+from socialiq_recordings.road.network import (
+    NO_ROAD,
+    STEP,
+    RoadNetwork,
+    every_step,
+    shapely,
+    tree_of,
+)
 from socialiq_recordings.road.routes import OFF_THE_MAP, VEHICLES
 from socialiq_recordings.signs_of_simulation import signs_of_simulation
 
@@ -331,8 +337,12 @@ def say_if_apart(recordings: Sequence[Recording]) -> None:
         rows = np.isin(tracks.road_user, VEHICLES)[tracks.track]
         if lines and rows.any():
             places = np.column_stack([tracks.x, tracks.y])[rows]
-            distance, _ = KDTree(np.concatenate(lines)[:, :2]).query(places)
-            share = (distance > np.hypot(OFF_THE_MAP, STEP / 2)).mean()
+            points, reach = np.concatenate(lines)[:, :2], np.hypot(OFF_THE_MAP, STEP / 2)
+            # No two places in a square with this diagonal are further apart.
+            squares = (np.floor(at * np.sqrt(2.0) / reach) @ [1, 1j] for at in (places, points))
+            if np.isin(*squares).mean() >= 0.5:
+                continue
+            share = (tree_of(points).query(places)[0] > reach).mean()
             if share > 0.5:
                 say(
                     f"{name}: {100 * share:.0f} % of its vehicles' states are on no lane of the "

@@ -229,7 +229,7 @@ class Encounters:
     @cached_property
     def in_time(self) -> InTime:
         """The ways by the time at which their vehicles are seen."""
-        return InTime(self.ways)
+        return InTime(self.ways, self.config.horizon)
 
     def area(self, first: int, second: int) -> Area | None:
         """Return the conflict area of two tracks, the first one's coordinates first."""

@@ -238,15 +238,7 @@ def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
 def _lanelet_at(encounters: Encounters, way: Way, coordinate: float) -> int:
     """Return the lanelet nearest to a place on a way, among those of its route."""
     point = way.line.points_at(np.array([coordinate]))[0]
-    matcher = encounters.scene.matcher
-
-    def away(number: int) -> float:
-        path = matcher.path(number)
-        position = path.coordinates(point[:, 0], point[:, 1])
-        beyond = max(float(position.along[0]) - path.length, -float(position.along[0]), 0.0)
-        return abs(float(position.lateral[0])) + beyond
-
-    return min(way.lanelets, key=away)
+    return encounters.scene.matcher.nearest(point, way.lanelets)
 
 
 def turn(way: Way, entry: float, end: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.physics import wrapped
-from socialiq_recordings.road.paths import Polyline, on_segments
+from socialiq_recordings.road.paths import ROUNDING, Polyline, on_segments
 from socialiq_recordings.road.routes import AHEAD, Scene
 
 SPACING = 1.0  # m between the points of a driven line; shorter steps are noise of the positions
@@ -41,9 +41,18 @@ class Way:
     @cached_property
     def box(self) -> tuple[float, float, float, float]:
         """Box around what the vehicle sweeps: its west, south, east and north, m."""
-        half = self.width / 2
-        west, south = (self.line.points.min(axis=0) - half).tolist()
-        east, north = (self.line.points.max(axis=0) + half).tolist()
+        return self._box(self.width / 2, len(self.line.points))
+
+    def box_within(self, seconds: float) -> tuple[float, float, float, float]:
+        """Return the box up to where its front drives, or is that long after at a frame's speed."""
+        farthest = max(self.along[-1], (self.along + self.speed * seconds).max())
+        last = self.line.starts.searchsorted(farthest + self.length / 2 + ROUNDING, side="right")
+        return self._box(self.width / 2 + ROUNDING, int(last) + 1)
+
+    def _box(self, half: float, points: int) -> tuple[float, float, float, float]:
+        line = self.line.points[:points]
+        west, south = (line.min(axis=0) - half).tolist()
+        east, north = (line.max(axis=0) + half).tolist()
         return west, south, east, north
 
     @property
@@ -308,8 +317,8 @@ def _next(way: Way, apart: OfVehicles, vehicles: OnWay) -> Near:
 class InTime:
     """Ways by track, sorted by their first frames, so that look-ups cost little."""
 
-    def __init__(self, ways: Mapping[int, Way]) -> None:
-        self.ways, self._every = ways, list(ways.values())
+    def __init__(self, ways: Mapping[int, Way], horizon: float = 0.0) -> None:
+        self.ways, self._every, self.horizon = ways, list(ways.values()), horizon
         first = np.array([way.first for way in self._every], np.int64)
         self._last = np.array([way.last for way in self._every], np.int64)
         self._order = np.argsort(first, kind="stable")
@@ -317,22 +326,27 @@ class InTime:
         self.longest = max((len(way.along) for way in self._every), default=0)  # frames
 
     @cached_property
-    def _boxes(self) -> Float64[np.ndarray, "way 4"]:
-        return np.array([way.box for way in self._every]).reshape(-1, 4)
+    def _boxes(self) -> Float64[np.ndarray, "2 way 4"]:
+        return self._boxes_of(self._every)
+
+    def _boxes_of(self, ways: Sequence[Way]) -> Float64[np.ndarray, "2 way 4"]:
+        boxes = [way.box for way in ways], [way.box_within(self.horizon) for way in ways]
+        return np.array(boxes).reshape(2, -1, 4)
 
     def between(self, first: int | float, last: int | float, near: Way | None = None) -> list[Way]:
         """Return the ways that are seen between two frames, both included, in their order.
 
-        With another way, only those whose boxes overlap its box: most ways end here.
+        With another way, only those that may reach an area in common within the horizon: most ways
+        end here.
         """
         begin = np.searchsorted(self._first, first - self.longest, side="left")
         end = np.searchsorted(self._first, last, side="right")
         chosen = np.sort(self._order[begin:end])
         chosen = chosen[self._last[chosen] >= first]
         if near is not None:
-            box, boxes = np.array(near.box), self._boxes[chosen]
-            beside = (boxes[:, :2] <= box[2:]) & (box[:2] <= boxes[:, 2:])
-            chosen = chosen[beside.all(axis=1)]
+            for box, boxes in zip(self._boxes_of([near]), self._boxes[::-1], strict=True):
+                beside = (boxes[chosen, :2] <= box[0, 2:]) & (box[0, :2] <= boxes[chosen, 2:])
+                chosen = chosen[beside.all(axis=1)]
         return [self._every[index] for index in chosen.tolist()]
 
     def earlier(self, frame: int | float) -> Iterator[Way]:

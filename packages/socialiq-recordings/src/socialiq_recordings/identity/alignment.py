@@ -13,14 +13,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.spatial import KDTree
 
 from socialiq.physics import wrapped
 from socialiq_recordings.recording import STATES, Recording, Tracks
-from socialiq_recordings.road.network import STEP, every_step
+from socialiq_recordings.road.network import STEP, every_step, tree_of
 
 BESIDE = 0.5
 """m; points of one line lie at most this far beside those of the other. Maps of one site that were
@@ -41,6 +41,11 @@ class Shape:
 
     points: Float64[np.ndarray, "point 3"]  # x, y in m and direction in rad, every `STEP` metres
     of_road: bool  # whether they are centre lines of lanelets; else paths of vehicles
+
+    @cached_property
+    def tree(self) -> Any:
+        """Tree of the points' places."""
+        return tree_of(self.points[:, :2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +95,7 @@ def shared(first: Shape, second: Shape) -> tuple[float, float]:
     if not len(first.points) or not len(second.points):
         return 0.0, 0.0
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
-    best = _overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)
+    best = _overlap(first, second, Placement(0.0, np.zeros(2)), beside)
     if max(best) > _ALIKE or not (first.of_road and second.of_road):
         return best
     if min(_bends(first.points), _bends(second.points)) < _STRAIGHT:
@@ -109,8 +114,8 @@ def shared(first: Shape, second: Shape) -> tuple[float, float]:
         turns.append(np.radians(peak))
         correlation[np.arange(peak - 4, peak + 5) % 360] = -np.inf
     for turn in turns:
-        placement = _placed(first.points, second.points, turn)
-        shares = _overlap(first.points, second.points, placement, beside)
+        placement = _placed(first, second, turn)
+        shares = _overlap(first, second, placement, beside)
         best = max(best, shares, key=max)
         if max(best) > _ALIKE:
             break
@@ -124,23 +129,24 @@ def fits_by_chance(first: Shape, second: Shape, least: float) -> bool:
     says nothing of where it is. Shapes that agree in the frames that they are written in do.
     """
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
-    if max(_overlap(first.points, second.points, Placement(0.0, np.zeros(2)), beside)) >= least:
+    if max(_overlap(first, second, Placement(0.0, np.zeros(2)), beside)) >= least:
         return False
     mirrored = first.points * np.array([-1.0, 1.0, -1.0]) + np.array([0.0, 0.0, np.pi])
     return max(shared(Shape(mirrored, first.of_road), second)) >= least
 
 
 def _overlap(
-    first: np.ndarray, second: np.ndarray, placement: Placement, beside: float
+    first: Shape, second: Shape, placement: Placement, beside: float
 ) -> tuple[float, float]:
     """Return the shares of points that lie on the other shape, once placed."""
-    return _on(placement.back(first), second, beside), _on(placement.of(second), first, beside)
+    there, here = placement.back(first.points), placement.of(second.points)
+    return _on(there, second, beside), _on(here, first, beside)
 
 
-def _on(points: np.ndarray, lines: np.ndarray, beside: float) -> float:
-    distance, nearest = KDTree(lines[:, :2]).query(points[:, :2], k=min(4, len(lines)))
+def _on(points: np.ndarray, lines: Shape, beside: float) -> float:
+    distance, nearest = lines.tree.query(points[:, :2], k=min(4, len(lines.points)))
     distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
-    near = lines[nearest]
+    near = lines.points[nearest]
     apart = points[:, None, :2] - near[..., :2]
     lateral = apart[..., 1] * np.cos(near[..., 2]) - apart[..., 0] * np.sin(near[..., 2])
     turned = np.abs(wrapped(points[:, None, 2] - near[..., 2])) < _TURNED
@@ -154,12 +160,15 @@ def _bends(points: np.ndarray) -> float:
     return float(np.linalg.eigvalsh(along.T @ along / len(along))[0])
 
 
-def _placed(fixed: np.ndarray, turning: np.ndarray, turn: float) -> Placement:
+def _placed(fixed: Shape, turning: Shape, turn: float) -> Placement:
     """Return the placement of the other's points on the one's with about this turn."""
-    turned = Placement(turn, np.zeros(2)).of(turning)
-    few, voters = (points[:: 1 + len(points) // _MOST_VOTES] for points in (fixed, turned))
-    same = np.abs(wrapped(few[:, None, 2] - voters[None, :, 2])) < _TURNED / 2
-    first, second = np.nonzero(same)
+    turned = Placement(turn, np.zeros(2)).of(turning.points)
+    few, voters = (points[:: 1 + len(points) // _MOST_VOTES] for points in (fixed.points, turned))
+    # Cosines cost less than angles, and only those near the limit or above need the angle.
+    unit, units = (np.array([np.cos(at[:, 2]), np.sin(at[:, 2])]) for at in (few, voters))
+    first, second = np.nonzero(unit.T @ units > np.cos(_TURNED / 2) - 1e-6)
+    same = np.abs(wrapped(few[first, 2] - voters[second, 2])) < _TURNED / 2
+    first, second = first[same], second[same]
     if not len(first):
         return Placement(turn, np.zeros(2))
     votes = np.round((few[first, :2] - voters[second, :2]) / (STEP / 2)).astype(np.int64)
@@ -167,11 +176,11 @@ def _placed(fixed: np.ndarray, turning: np.ndarray, turn: float) -> Placement:
     width = int(np.ptp(votes[:, 1])) + 1
     cells, count = np.unique((votes - low) @ np.array([width, 1]), return_counts=True)
     most = np.array(divmod(int(cells[np.argmax(count)]), width)) + low
-    placement, tree = Placement(turn, most * (STEP / 2)), KDTree(fixed[:, :2])
+    placement = Placement(turn, most * (STEP / 2))
     for reach in _REACHES:
-        moved = placement.of(turning)
-        distance, nearest = tree.query(moved[:, :2])
-        line = fixed[nearest]
+        moved = placement.of(turning.points)
+        distance, nearest = fixed.tree.query(moved[:, :2])
+        line = fixed.points[nearest]
         use = (distance < reach) & (np.abs(wrapped(line[:, 2] - moved[:, 2])) < _TURNED)
         if use.sum() < 5:
             return placement
@@ -237,14 +246,14 @@ class Motion:
         return order[np.unique(group[order], return_index=True)[1]]
 
     @cached_property
-    def tree(self) -> KDTree:
+    def tree(self) -> Any:
         """Tree of all windows' speeds."""
-        return KDTree(self.seconds[1])
+        return tree_of(self.seconds[1])
 
     @cached_property
-    def by_time(self) -> KDTree:
+    def by_time(self) -> Any:
         """Tree of all states' places, with a third axis that separates frames."""
-        return KDTree(self.places(0))
+        return tree_of(self.places(0))
 
     def places(self, lag: int) -> Float64[np.ndarray, "state 3"]:
         """Return x, y and the frame, lag frames later, on an axis that separates frames."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
 
 import numpy as np
-from scipy.special import bdtrc
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
@@ -179,6 +178,8 @@ def _persisting(recording: Recording, other_recording: Recording) -> tuple[tuple
         sizes[:: 1 + len(sizes) // _MOST_SIZES] for sizes in (users, other_users)
     )
     every = (np.abs(sampled[:, None] - other_users[None]) <= SAME_SIZE).all(axis=2)
+    from scipy.special import bdtrc  # slow to import
+
     if not same.any() or bdtrc(same.sum() - 1, len(a), every.mean()) > CHANCE:
         return ()
     return tuple(zip(a[same].tolist(), b[same].tolist(), strict=True))

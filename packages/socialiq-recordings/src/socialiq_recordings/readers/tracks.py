@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
-from scipy.spatial import KDTree
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq_recordings.recording import FARTHEST, Imported, Recording, Refused, Tracks
-from socialiq_recordings.road.network import RoadNetwork, every_step
+from socialiq_recordings.road.network import RoadNetwork, every_step, tree_of
 
 MOST_STATES = 5_000_000
 """States of a file that are read by default: 1.5 GB of memory at the peak, 300 bytes for each
@@ -193,7 +192,7 @@ def directions(
     reach = _LANE if lines else _PASSED
     lines = lines or [rows[:3, np.hypot(rows[3], rows[4]) >= _MOVING].T for rows in states]
     points = np.concatenate([np.zeros((0, 3)), *lines])
-    tree = KDTree(points[:, :2])
+    tree = tree_of(points[:, :2])
 
     def at(x: float, y: float) -> float | None:
         if not len(points) or not np.isfinite([x, y]).all():

@@ -279,6 +279,13 @@ def lanes_of(road: RoadNetwork) -> Lanes:
     return Lanes(road, conflicts, {number: index for index, group in junctions for number in group})
 
 
+def tree_of(points: Float64[np.ndarray, "point axis"]) -> Any:
+    """Return SciPy's tree of some points."""
+    from scipy.spatial import KDTree  # slow to import
+
+    return KDTree(points)
+
+
 def shapely() -> Any:
     """Return the library Shapely; `UserError` if it is not installed."""
     return optional("shapely", "maps", "conflict areas", DISTRIBUTION)

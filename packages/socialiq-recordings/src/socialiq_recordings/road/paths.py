@@ -44,6 +44,16 @@ def on_segments(
     return inside, left, np.hypot(along - inside, left)
 
 
+def _nearest(x: OfPoints, y: OfPoints, segments: Float64[np.ndarray, "8 piece"]) -> Coordinates:
+    *pieces, heading, starts = segments
+    inside, left, distance = on_segments(x[:, None], y[:, None], *pieces)
+    piece = distance.argmin(axis=1)
+    at = np.arange(len(x)), piece
+    return Coordinates(
+        starts[piece] + inside[at], np.copysign(distance[at], left[at]), heading[piece]
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Polyline:
     """Polyline through at least two points, with different neighbours."""
@@ -83,17 +93,12 @@ class Polyline:
 
     def coordinates(self, x: OfPoints, y: OfPoints) -> Coordinates:
         """Project points on the nearest segment; of equally near segments on the first."""
-        blocks, result = [np.arange(len(x))], np.empty((3, len(x)))
-        if x.size * len(self.lengths) > _MANY:
-            order = np.argsort(x if np.ptp(x) > np.ptp(y) else y)
-            blocks = np.array_split(order, len(x) // _TOGETHER + 1)
-        for rows in blocks:
-            near = self._near(x[rows], y[rows]) if len(blocks) > 1 else self.segments
-            *segments, heading, starts = near
-            inside, left, distance = on_segments(x[rows, None], y[rows, None], *segments)
-            at = np.arange(len(rows)), np.argmin(distance, axis=1)
-            lateral = np.copysign(distance[at], left[at])
-            result[:, rows] = starts[at[1]] + inside[at], lateral, heading[at[1]]
+        if x.size * len(self.lengths) <= _MANY:
+            return _nearest(x, y, self.segments)
+        order, result = np.argsort(x if np.ptp(x) > np.ptp(y) else y), np.empty((3, len(x)))
+        for rows in np.array_split(order, len(x) // _TOGETHER + 1):
+            near = self._near(x[rows], y[rows])
+            result[:, rows] = _nearest(x[rows], y[rows], near)
         return Coordinates(*result)
 
     def _near(self, x: OfPoints, y: OfPoints) -> Float64[np.ndarray, "8 near"]:

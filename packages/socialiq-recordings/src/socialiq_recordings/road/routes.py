@@ -6,6 +6,7 @@ gaps in the map (Viterbi algorithm).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,7 +23,7 @@ GAP = 20.0  # cost of a step to a lanelet that is not connected
 OFF_THE_MAP = 3.5  # m; largest mean distance from the nearest lanelet
 AHEAD = 100.0  # m; continuation of a route beyond the last state
 _HOPS = 3  # most lanelets passed between two frames
-_NEAR = GAP + 2.0  # m; distance to which lanelets are looked for at first
+_NEAR = 6.0  # m; distance to which lanelets are looked for at first
 _BLOCK = 500  # states that are compared at once, which bounds memory
 
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
@@ -47,8 +48,8 @@ class Matcher:
 
     def __init__(self, road: RoadNetwork) -> None:
         self._road, self._numbers = road, list(road.lanelets)
+        self._index = index = {number: row for row, number in enumerate(self._numbers)}
         self._paths = {number: path_of(lane.centre) for number, lane in road.lanelets.items()}
-        index = {number: row for row, number in enumerate(self._numbers)}
         # Lanelets to which a step costs less than a gap, each with its cost.
         self._cheap: list[dict[int, float]] = []
         for number, lanelet in road.lanelets.items():
@@ -89,8 +90,6 @@ class Matcher:
         reach = _NEAR
         while True:
             near, metres, misfit = self._misfits(*place, reach)
-            # A state dearer than the cheapest by a gap leads nowhere that a gap from there doesn't
-            # for less: no lanelet that is further than the least cost of a state and a gap counts.
             needed, chosen = self._cheapest(near, misfit)
             if needed <= reach:
                 break
@@ -126,8 +125,12 @@ class Matcher:
         chosen = [int(np.argmin(totals[-1]))]
         for before in reversed(came_from):
             chosen.append(int(before[chosen[-1]]))
-        least = np.diff(np.min(totals, axis=1), prepend=0.0)
-        return float(least.max()) + GAP, np.array(chosen[::-1])
+        # A state dearer than the cheapest by a gap leads nowhere that a gap from there doesn't for
+        # less. Nor does one that costs more than the sequence with the least of all other states.
+        needed = float(np.diff(np.min(totals, axis=1), prepend=0.0).max()) + GAP
+        least = misfit.min(axis=1)
+        dearest = float(totals[-1].min() - least.sum() + least.max()) + ROUNDING
+        return min(needed, dearest), np.array(chosen[::-1])
 
     def _misfits(
         self, x: OfStates, y: OfStates, heading: OfStates, reach: float
@@ -143,17 +146,21 @@ class Matcher:
             apart = np.maximum(np.maximum(self._low[near] - points, points - self._high[near]), 0.0)
             state, column = np.nonzero(np.hypot(apart[..., 0], apart[..., 1]) <= reach)
             state += begin
-            distance, along, direction = self._positions(x[state], y[state], near[column])
-            length = self._length[near[column]]
-            distance += np.maximum(along - length, 0) + np.maximum(-along, 0)
+            distance, direction = self._away(x[state], y[state], near[column])
             metres[state, column] = distance
             misfit[state, column] = distance + np.abs(wrapped(heading[state] - direction))
         return near, metres, misfit
 
-    def _positions(
+    def nearest(self, point: Float64[np.ndarray, "1 2"], lanelets: Sequence[int]) -> int:
+        """Return the number of the lanelet that is nearest to a place, m; of equals the first."""
+        index = np.array([self._index[number] for number in lanelets])
+        x, y = np.repeat(point.T, len(index), axis=1)
+        return lanelets[int(self._away(x, y, index)[0].argmin())]
+
+    def _away(
         self, x: OfPairs, y: OfPairs, lanelet: Int64[np.ndarray, " pair"]
-    ) -> Float64[np.ndarray, "3 pair"]:
-        """Return distances from lanelets, coordinates along them, m, and their headings, rad."""
+    ) -> tuple[OfPairs, OfPairs]:
+        """Return distances from lanelets, m, and their headings, rad."""
         result, count = np.empty((3, len(x))), self._count[lanelet]
         for index in np.unique(lanelet[count == 0]).tolist():
             of_arc = lanelet == index
@@ -163,9 +170,9 @@ class Matcher:
             result[:, of_arc] = np.abs(lateral), along, heading
         pairs = np.flatnonzero(count)
         if len(pairs):
-            lanelet, count = lanelet[pairs], count[pairs]
+            count, begin = count[pairs], self._first[lanelet[pairs]]
             first = np.cumsum(count) - count
-            number = np.arange(count.sum()) + np.repeat(self._first[lanelet] - first, count)
+            number = np.arange(count.sum()) + np.repeat(begin - first, count)
             pair = np.repeat(pairs, count)
             inside, _, distance = on_segments(x[pair], y[pair], *self._segments[:6, number])
             least = np.minimum.reduceat(distance, first)
@@ -173,7 +180,8 @@ class Matcher:
             nearest = nearest[np.searchsorted(nearest, first)]
             heading, start = self._segments[6:, number[nearest]]
             result[:, pairs] = least, start + inside[nearest], heading
-        return result
+        (distance, along, heading), length = result, self._length[lanelet]
+        return distance + np.maximum(along - length, 0) + np.maximum(-along, 0), heading
 
     def _between(self, lanelet: int, goal: int) -> list[int]:
         """Return the lanelets passed without a state, and the lanelet reached."""
