@@ -17,7 +17,7 @@ from socialiq.worlds.gym import RoadEnv
 from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SIGNALS, SKIP, Buffers
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection.options import settings_of
-from socialiq.worlds.world import Decisions
+from socialiq.worlds.world import Actor, Decisions
 from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
 
 if TYPE_CHECKING:
@@ -83,7 +83,8 @@ class JunctionBatch(RoadBatch):
         super().__init__(options, buffers, settings_of(options), threads)
         self.world, self.traffic = world, Traffic.of(world, size)
         self.n_actions = world.n_actions
-        self._levels = np.array([*world.config.levels, np.nan])  # the last is that of AS_DRIVER
+        # m/s²; the last is that of AS_DRIVER
+        self.levels = np.array([*world.config.levels, np.nan])
 
     @property
     def time(self) -> Float32[np.ndarray, " row"]:
@@ -102,7 +103,7 @@ class JunctionBatch(RoadBatch):
     def _core(self) -> tuple[Any, Any, np.ndarray]:
         from socialiq_recordings.world import core  # import Numba only when it is needed
 
-        junction = self.world.road, self.traffic, self._levels, self.world.config.slack
+        junction = self.world.road, self.traffic, self.levels, self.world.config.slack
         return core, junction, np.zeros(0)
 
     def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
@@ -122,6 +123,12 @@ class JunctionBatch(RoadBatch):
         touched = results.contact.copy(), results.neighbours_collided.copy()
         ending, speed = results.ending.copy(), results.speed.copy()
         return Decisions(seen.copy(), pair, ending, signals, speed, *touched)
+
+    def caused(self, actor: Actor, seeds: np.ndarray) -> dict[str, np.ndarray]:
+        """Drive one episode in each row, and return its columns of `evaluation.effects`."""
+        from socialiq_recordings.world.effects import caused  # imports Numba
+
+        return caused(self, actor, seeds)
 
     def _arrays(self) -> tuple[np.ndarray, ...]:
         return (*self.traffic, self.buffers.observation, self._waiting, self.begun)

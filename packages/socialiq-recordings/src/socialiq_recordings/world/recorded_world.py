@@ -18,6 +18,7 @@ from gymnasium import spaces
 from socialiq import storage
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
+from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.world import ConstantPolicy
@@ -130,6 +131,7 @@ class RecordedWorld(RoadWorld):
     provenance: dict[str, Any]  # recordings, calibration and counts, as JSON
     sha256: str = ""  # of the file's content; "" if it was not read from a file
     name: str = "recorded-junction"  # name in hashes, the same for every file
+    effects: EffectOptions | None = None  # of the measure of effects; rewards stay Eq 4.1 and 4.2
 
     drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
     references: ClassVar[tuple[str, ...]] = drivers

@@ -13,7 +13,7 @@ from socialiq.cli.drivers import dial_of, driver_of, gridworld_of
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.effects import Effects, expected_delay, measure, summary
+from socialiq.evaluation.effects import Effects, expected_delay, measure, measuring, summary
 from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
@@ -23,7 +23,7 @@ from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout
+from socialiq.worlds.highway.effects import RELATIONS, AfterTimeout
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import GRIDWORLDS, make_grid, open_world
@@ -45,8 +45,8 @@ class EffectsOf(Printing):
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """intersection, merge, roundabout, another road of highway-env, or a gridworld, whose delay is
-    exact, in cells: crossing5 or crossing7."""
+    """intersection, merge, roundabout, another road of highway-env, a file of `socialiq data
+    world`, or a gridworld, whose delay is exact, in cells: crossing5 or crossing7."""
     _: KW_ONLY
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them."""
@@ -70,7 +70,8 @@ class EffectsOf(Printing):
     def run(self) -> int:
         """Drive, print, write the folder."""
         check_seed(self.seed)
-        one_of("world", self.world, (*GRIDWORLDS, "intersection", *SCENES))
+        if not Path(self.world).suffix:  # a file is of a recorded junction
+            one_of("world", self.world, (*GRIDWORLDS, "intersection", *SCENES))
         if not self.policy:
             raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.angle and all(angle is None for _, angle in self.drivers()):
@@ -96,7 +97,8 @@ class EffectsOf(Printing):
         short = {name: Path(name).name for name in self.policy}
         if len({*short.values()}) == len(short):  # paths would be broken over lines
             rows = [row | {"policy": short[row["policy"]]} for row in rows]
-        print_table([{name: row[name] for name in names} for row in rows], _HEADING)
+        heading = _HEADING + (_JUDGED if PRINTED[-1] in names else "")
+        print_table([{name: row[name] for name in names} for row in rows], heading)
         return 0
 
     def driven(self, episodes: list[Row]) -> tuple[list[Row], Row]:
@@ -104,8 +106,9 @@ class EffectsOf(Printing):
         if self.episodes < 2:
             raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
         options = {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
-        world = open_world(self.world + CAUSED, **options)
+        world = open_world(self.world)
         assert isinstance(world, RoadWorld)
+        world = measuring(world, **options)
         seeds, rows = np.arange(self.seed, self.seed + self.episodes), []
         with contextlib.ExitStack() as closing:
             # What can't work is refused before the first driver drives.
@@ -153,8 +156,9 @@ class EffectsOf(Printing):
 
 _HEADING = (
     "delay: metres (cells) that others lose in an episode; braking: hard brakings caused; gap: "
-    "post-encroachment time; the last three: shares by which Eq 4.2 charges and credits"
+    "post-encroachment time"
 )
+_JUDGED = "; the last three: shares by which Eq 4.2 charges and credits"
 
 
 def by_episode(effects: Effects, seeds: np.ndarray) -> list[Row]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -36,8 +36,13 @@ BRAKES = 1.0  # m/s lost in a decision, from which a vehicle brakes
 GAINED = 0.5  # m in the decisions ahead, from which a credited vehicle gains or loses
 
 
+Counts = Int64[np.ndarray, " episode"]
+
+
 class Effects(NamedTuple):
     """Effects of a driver, a row for each episode; counts are of vehicles and decisions.
+
+    Recorded junctions don't judge Eq 4.2 by decisions: there the counts from `charged` on are None.
 
     Attributes:
         totals: Sums of r_env and of the reward of effects.
@@ -67,13 +72,13 @@ class Effects(NamedTuple):
     gap: Float[np.ndarray, " episode"]
     helped: Int64[np.ndarray, " episode"]
     harmed: Int64[np.ndarray, " episode"]
-    charged: Int64[np.ndarray, " episode"]
-    not_caused: Int64[np.ndarray, " episode"]
-    caused: Int64[np.ndarray, " episode"]
-    missed: Int64[np.ndarray, " episode"]
-    credited: Int64[np.ndarray, " episode"]
-    gained: Int64[np.ndarray, " episode"]
-    lost: Int64[np.ndarray, " episode"]
+    charged: Counts | None = None
+    not_caused: Counts | None = None
+    caused: Counts | None = None
+    missed: Counts | None = None
+    credited: Counts | None = None
+    gained: Counts | None = None
+    lost: Counts | None = None
 
 
 _COUNTS = "charged", "not_caused", "caused", "missed", "credited", "gained", "lost"
@@ -102,9 +107,18 @@ def measure(world: RoadWorld, policy: Policy, seeds: Sequence[int] | np.ndarray)
     return Effects(totals=totals, **columns)
 
 
-def measuring(world: RoadWorld) -> RoadWorld:
+def measuring(world: RoadWorld, **options: Any) -> RoadWorld:
     """Return the road with the measure of effects, which changes only vehicles that come later."""
-    return world if world.effects else replace(cast(Any, world), effects=EffectOptions())
+    return world if world.effects else replace(cast(Any, world), effects=EffectOptions(**options))
+
+
+@runtime_checkable
+class Causing(Protocol):
+    """Episodes side by side of a road that drives them with and without the ego by itself."""
+
+    def caused(self, actor: Actor, seeds: np.ndarray) -> dict[str, np.ndarray]:
+        """Drive one episode in each row; return columns of `Effects`, `env` and `social` apart."""
+        ...
 
 
 def caused(
@@ -132,6 +146,8 @@ def _drive(
     batch: RoadBatch, actor: Actor, seeds: np.ndarray, judging: bool = True
 ) -> dict[str, np.ndarray]:
     """Return the columns of `Effects` of episodes that begin together, judging Eq 4.2 or not."""
+    if isinstance(batch, Causing):
+        return batch.caused(actor, seeds)
     rows = np.arange(len(seeds))
     batch.reset(seeds)
     actor.begin(rows, seeds)
@@ -291,9 +307,6 @@ def summary(effects: Effects) -> Row:
         value, low, high = wilson(int(happened.sum()), count)
         return {name: value, f"{name}_low": low, f"{name}_high": high}
 
-    def ratio(part: np.ndarray, of: np.ndarray) -> float:
-        return float(part.sum() / of.sum()) if of.sum() else np.nan
-
     row: Row = {"episodes": count}
     row |= mean("r_env", effects.totals.env) | mean("r_caused", effects.totals.social)
     row |= mean("r_eq_4_2", effects.eq_4_2) | mean("delay", effects.delay.sum(axis=1))
@@ -305,9 +318,14 @@ def summary(effects: Effects) -> Row:
     for name, ending in (("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)):
         row |= share(name, effects.ending == int(ending))
     row |= share("at_fault", effects.at_fault)
-    row |= {"charged": int(effects.charged.sum()), "caused": int(effects.caused.sum())}
-    row |= {"not_caused_of_charged": ratio(effects.not_caused, effects.charged)}
-    row |= {"missed_of_caused": ratio(effects.missed, effects.caused)}
-    row |= {"credited": int(effects.credited.sum())}
-    row |= {"gained_of_credited": ratio(effects.gained, effects.credited)}
-    return row | {"lost_of_credited": ratio(effects.lost, effects.credited)}
+    if effects.charged is None:
+        return row
+    sums = {name: int(getattr(effects, name).sum()) for name in _COUNTS}
+
+    def ratio(part: str, of: str) -> Row:
+        return {f"{part}_of_{of}": sums[part] / sums[of] if sums[of] else np.nan}
+
+    row |= {"charged": sums["charged"], "caused": sums["caused"]}
+    row |= ratio("not_caused", "charged") | ratio("missed", "caused")
+    row |= {"credited": sums["credited"]}
+    return row | ratio("gained", "credited") | ratio("lost", "credited")

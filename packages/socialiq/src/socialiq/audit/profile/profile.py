@@ -216,7 +216,7 @@ def measured_in(world: str) -> dict[str, str]:
     """Return the unit of each effect that a world of this name measures; none where it can't."""
     if world in GRIDWORLDS:
         return {"delay": "cells"}
-    is_road = world in INTERSECTIONS[:2] or scene_named(world) is not None
+    is_road = world in INTERSECTIONS[:2] or is_recorded(world) or scene_named(world) is not None
     return {name: row.unit for name, row in fields.QUANTITIES.items()} if is_road else {}
 
 
