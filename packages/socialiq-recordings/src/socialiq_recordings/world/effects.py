@@ -249,7 +249,7 @@ def caused(batch: JunctionBatch, actor: Actor, seeds: np.ndarray) -> dict[str, n
 
 
 def _driven(batch: JunctionBatch, episodes: Episodes, with_ego: bool, end: _End) -> Tally:
-    """Return what is tally in the episodes, driven again from their seeds."""
+    """Return what is counted in episodes that are driven again from their seeds."""
     world, size = batch.world, len(episodes.seeds)
     others = size, world.capacity
     tally = Tally(
