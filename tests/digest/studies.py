@@ -98,6 +98,8 @@ COMPARED_BESIDE_THEIR_TESTS = {
         "compare-methods",
         "dial",
         "grid",
+        "intersection",
+        "intersection-continuous",
         "intersection-dial",
         "intersection-offline",
         "lambda-sweep",

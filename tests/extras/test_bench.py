@@ -39,7 +39,7 @@ def test_bench_learners_prints_one_json_object(smaller, capsys):
 
 def test_bench_worlds_prints_one_json_object(smaller, capsys):
     pytest.importorskip("highway_env", reason="extra `highway` is not installed")
-    smaller(HIGHWAY_STEPS=20, CORE_STEPS=4_000)
+    smaller(HIGHWAY_STEPS=10, SINGLE_STEPS=100, CORE_STEPS=1_024, EFFECTS_STEPS=640)
     assert main(["bench", "worlds", "--repeats", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["ratio"] > 0

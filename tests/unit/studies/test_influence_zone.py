@@ -31,9 +31,12 @@ def test_a_choice_moves_whom_the_rules_say(options: dict[str, str]) -> None:
     np.testing.assert_array_equal(is_moved, planted_zone(features, options))
 
 
-def test_the_zone_by_hand_is_that_of_the_reward() -> None:
+@pytest.mark.parametrize(
+    "name", ["intersection-caused", pytest.param("merge-caused", marks=pytest.mark.slow)]
+)
+def test_the_zone_by_hand_is_that_of_the_reward(name: str) -> None:
     """Eq 4.2 credits (1 - v/v_max) for each vehicle that the zone of the next decision has."""
-    world, episodes = open_world("merge-caused"), 30
+    world, episodes = open_world(name), 30
     credited = np.full(episodes, np.nan)
     compared = 0
     for decision in moved.decisions(world, at_random(3), np.arange(episodes)):

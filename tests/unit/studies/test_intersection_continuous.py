@@ -4,39 +4,22 @@ import dataclasses
 from typing import Any
 
 import pytest
+from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import MODES
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.plotting.style import png
+from socialiq.settings import changed
 from socialiq_lab.intersection.thesis_values import METRICS, POLICIES
-from socialiq_lab.registry import find
+from socialiq_lab.registry import study_and_declaration
 from socialiq_lab.tables import matching
-from studies.intersection_continuous.study import CONTINUOUS, DISCRETE, KINDS, Config, main_table
+from studies.intersection_continuous.study import CONTINUOUS, DISCRETE, KINDS, main_table
 
-STUDY = find("intersection-continuous")
-SMALL: dict[str, Any] = {"hidden": (8,), "updates": 2}
-PLAIN = Config()
-TINY = Config(
-    seeds=(0, 1),
-    learner_seeds=(2, 3),
-    expert_seed=4,
-    angles=(0.0, 45.0, 90.0),
-    expert=dataclasses.replace(PLAIN.expert, **SMALL, batch_size=4),
-    continuous=dataclasses.replace(PLAIN.continuous, **SMALL, batch_size=4),
-    high_angles=dataclasses.replace(PLAIN.high_angles, **SMALL, batch_size=4),
-    discrete=dataclasses.replace(PLAIN.discrete, **SMALL, replay_batch=4),
-    learner=dataclasses.replace(PLAIN.learner, **SMALL, batch_size=4),
-    longer=dataclasses.replace(PLAIN.longer, **SMALL, batch_size=4),
-    clone=dataclasses.replace(PLAIN.clone, **SMALL, batch_size=4),
-    td3_bc=dataclasses.replace(PLAIN.td3_bc, **SMALL, batch_size=4),
-    pool_episodes=6,
-    size=20,
-    environments=4,
-    episodes=6,
-    first_episode=50_000_000,
-)
+STUDY, CONTENT = study_and_declaration("intersection-continuous")
+PLAIN = STUDY.Config()
+TINY = changed(PLAIN, CONTENT["tiny"])
 
 
 def test_both_dials_have_one_budget() -> None:
@@ -47,7 +30,7 @@ def test_both_dials_have_one_budget() -> None:
     assert PLAIN.high_angles == dataclasses.replace(ours, high_share=0.8)
     assert PLAIN.options.destination == PLAIN.discrete_options.destination
     with pytest.raises(UserError, match="at least one training seed"):
-        Config(seeds=())
+        STUDY.Config(seeds=())
 
 
 def test_the_main_table_has_means_over_seeds_in_percent() -> None:
@@ -63,6 +46,10 @@ def test_the_main_table_has_means_over_seeds_in_percent() -> None:
     assert learner["sd"] == pytest.approx(200**0.5)
     assert found["continuous dial egoistic", "speed_kmh"]["mean"] == 0.5
     assert len(found) == 3 * len(METRICS)
+
+
+def test_no_table_of_the_digest_differs(results, work) -> None:
+    assert differs(STUDY.name, results, work) == []
 
 
 def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:

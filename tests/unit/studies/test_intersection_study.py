@@ -4,6 +4,7 @@ import dataclasses
 import json
 
 import pytest
+from tests.digest.studies import differs
 
 from socialiq import results_folder as store
 from socialiq.errors import UserError
@@ -19,6 +20,10 @@ STUDY, CONTENT = study_and_declaration("intersection")
 Config = STUDY.Config
 TINY = changed(Config(), CONTENT["tiny"])
 OUTCOMES = ("collision", "arrival", "timeout")
+
+
+def test_no_table_of_the_digest_differs(results, work):
+    assert differs(STUDY.name, results, work) == []
 
 
 def test_every_policy_has_all_its_episodes(results):

@@ -12,7 +12,7 @@ from socialiq.cli import drivers
 from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
-from socialiq.evaluation.exact import Metrics, Optimum, Readout
+from socialiq.evaluation.exact import Metrics, Readout, optimum_of
 from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
@@ -101,7 +101,7 @@ class Dial(Printing):
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation in a gridworld, queried at every degree."""
         states = drivers.gridworld_of(self.world, dial).reachable_part()
-        evaluated, best = sweep(dial, states, self.readout), Optimum(states)
+        evaluated, best = sweep(dial, states, self.readout), optimum_of(states.world)
         regrets = evaluated.regrets(best.attainable)
         names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
         rows = []

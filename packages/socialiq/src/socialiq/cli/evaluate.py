@@ -25,7 +25,6 @@ from socialiq.policies.load import load_policy
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
 from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS, environment, registry
-from socialiq.worlds.enumerate import tabulate
 
 TIMED = (*SCENE_IDS, *SCENE_IDS.values(), IDS["intersection"], *CONTINUOUS_IDS.values())
 """Roads of highway-env, whose environments show the time where a policy takes it."""
@@ -164,7 +163,7 @@ class Evaluate(Printing):
     def gridworld(self) -> Callable[[str], tuple[dict[str, Any], float | None]]:
         """Return exact or sampled metrics of a policy, with regret against the exact optimum."""
         plain = registry.make_grid(self.world)
-        optimum = exact.Optimum(tabulate(plain).reachable_part())
+        optimum = exact.optimum_of(plain)
         readout = "soft" if self.soft else "greedy"
         rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 

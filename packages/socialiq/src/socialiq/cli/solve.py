@@ -7,7 +7,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli.output import Printing, listed, print_json, print_table
-from socialiq.evaluation.exact import Optimum, evaluate_exactly
+from socialiq.evaluation.exact import evaluate_exactly, optimum_of
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of, target_norm
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.social.angle import angle_of, check_angle, score, weights
@@ -73,7 +73,7 @@ class Front(Printing):
 
     def run(self) -> int:
         """Compute the attainable set, print its front."""
-        attainable = Optimum(tabulate(make_grid(self.world)).reachable_part()).attainable
+        attainable = optimum_of(make_grid(self.world)).attainable
         vertices = []
         for env, social in attainable.front():
             number = int(np.flatnonzero((attainable.vertices == (env, social)).all(axis=1))[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of, score, weights
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import make_grid
 
 if TYPE_CHECKING:
@@ -100,6 +102,12 @@ class Optimum:
         return self.attainable.optimum(angle).value - metrics.value(angle)
 
 
+@lru_cache(maxsize=8)
+def optimum_of(world: GridWorld) -> Optimum:
+    """Return the optimum of a gridworld, computed once."""
+    return Optimum(tabulate(world).reachable_part())
+
+
 class Ground(NamedTuple):
     """A gridworld with its exact optima.
 
@@ -117,8 +125,7 @@ class Ground(NamedTuple):
     def of(world: str) -> Ground:
         """Enumerate a world with its default options."""
         table = tabulate(make_grid(world))
-        part = table.reachable_part()
-        return Ground(table, part, Optimum(part))
+        return Ground(table, table.reachable_part(), optimum_of(table.world))
 
     def with_clock(self, clock: bool) -> Ground:
         """Return the ground with the time in the observations, or unchanged."""

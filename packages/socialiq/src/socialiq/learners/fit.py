@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -70,8 +70,9 @@ def fit(
         if callbacks.checkpoint is None:
             raise UserError("nothing to resume from: name the run's folder")
         runs, history = load_checkpoint(callbacks.checkpoint, fingerprint, runs)
-    names = term_names(learner, hyperparameters, runs)
     done = history.updates[-1] if history.updates else 0
+    steps = min(chunk, total - done) or chunk
+    names = _chunk.eval_shape(learner, hyperparameters, runs, steps, _unchecked)[1].names
     clock = Clock(done, total, len(jax.tree.leaves(hyperparameters)[0]))
     with stop_requests() as stop:
         while done < total:
@@ -80,7 +81,7 @@ def fit(
             steps = min(chunk, total - done)
             runs, terms = _advance(learner, hyperparameters, runs, steps)
             done += steps
-            record = dict(zip(names, np.asarray(terms).T, strict=True))
+            record = dict(zip(names, np.asarray(terms.values).T, strict=True))
             monitored = callbacks.monitor(runs.state) if callbacks.monitor else {}
             history.add(done, record | monitored)
             if callbacks.on_report:
@@ -110,13 +111,6 @@ def release_programs(most: int | None = None) -> None:
         return
 
 
-def term_names(learner: Any, hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
-    """Return the names of a learner's terms, in the order of `Runs.failed_term`."""
-    update = jax.vmap(learner.update)
-    _, _, terms = jax.eval_shape(update, hyperparameters, runs.state, runs.carry)
-    return _in_order(terms)
-
-
 def failure_lines(
     runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...], hyperparameters: Any
 ) -> tuple[str, ...]:
@@ -142,9 +136,21 @@ def fingerprint(table: Any, *settings: Any) -> str:
     return digest.hexdigest()
 
 
-def _in_order(terms: Iterable[str]) -> tuple[str, ...]:
-    """Names of terms, the loss last: if it is not finite, the term that broke it is named."""
-    return tuple(sorted(terms, key=lambda name: (name == "loss", name)))
+@partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["names"])
+@dataclasses.dataclass(frozen=True)
+class _Terms:
+    """Terms in the order of `Runs.failed_term`: the loss last, so that what broke it is named."""
+
+    names: tuple[str, ...]
+    values: Any  # an array, its shape, or what JAX puts in its place
+
+    @staticmethod
+    def of(terms: dict[str, Array]) -> _Terms:
+        names = tuple(sorted(terms, key=lambda name: (name == "loss", name)))
+        return _Terms(names, jnp.stack([terms[name] for name in names]))
+
+    def mean(self) -> _Terms:
+        return _Terms(self.names, self.values.mean(axis=0))
 
 
 def _start_all(learner: Any, hyperparameters: Any) -> Runs:
@@ -156,7 +162,7 @@ def _start_all(learner: Any, hyperparameters: Any) -> Runs:
     return jax.vmap(start)(hyperparameters)
 
 
-def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tuple[Runs, Array]:
+def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tuple[Runs, _Terms]:
     """Train all runs for one chunk; return them and the means of their terms, NaN for broken runs.
 
     The second program is compiled when a run breaks. Until then the runs as they were before the
@@ -169,7 +175,8 @@ def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tupl
         checked = _chunk(learner, hyperparameters, runs, steps, _checked)
         after, terms = _choose_runs(breaks, checked, (after, terms))
     if stopped.any():
-        unchanged = runs._replace(updates=after.updates), jnp.full_like(terms, jnp.nan)
+        missing = _Terms(terms.names, jnp.full_like(terms.values, jnp.nan))
+        unchanged = runs._replace(updates=after.updates), missing
         after, terms = _choose_runs(stopped, unchanged, (after, terms))
     return after, terms
 
@@ -183,26 +190,26 @@ def _chunk(
 
 def _unchecked(
     learner: Any, hyperparameters: Any, run: Runs, *, steps: int
-) -> tuple[Runs, Array, Array]:
+) -> tuple[Runs, _Terms, Array]:
     """Train one run for one chunk; return the mean of each term, and whether all is finite."""
 
-    def body(run: Runs, _: None) -> tuple[Runs, Array]:
+    def body(run: Runs, _: None) -> tuple[Runs, _Terms]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
         after = run._replace(state=state, carry=carry, updates=run.updates + 1)
-        return after, _values(terms)
+        return after, _Terms.of(terms)
 
-    run, values = jax.lax.scan(body, run, None, length=steps)
-    means = values.mean(axis=0)
-    return run, means, jnp.isfinite(means).all() & _all_finite(run.state)
+    run, terms = jax.lax.scan(body, run, None, length=steps)
+    means = terms.mean()
+    return run, means, jnp.isfinite(means.values).all() & _all_finite(run.state)
 
 
-def _checked(learner: Any, hyperparameters: Any, run: Runs, *, steps: int) -> tuple[Runs, Array]:
+def _checked(learner: Any, hyperparameters: Any, run: Runs, *, steps: int) -> tuple[Runs, _Terms]:
     """As `_unchecked`, but keep the last finite state; means are NaN once the run has broken."""
 
-    def body(run: Runs, _: None) -> tuple[Runs, Array]:
+    def body(run: Runs, _: None) -> tuple[Runs, _Terms]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
-        values = _values(terms)
-        finite = jnp.append(jnp.isfinite(values), _all_finite(state))
+        ordered = _Terms.of(terms)
+        finite = jnp.append(jnp.isfinite(ordered.values), _all_finite(state))
         sound = run.failed_at < 0
         breaks = sound & ~finite.all()
         after = Runs(
@@ -212,14 +219,10 @@ def _checked(learner: Any, hyperparameters: Any, run: Runs, *, steps: int) -> tu
             failed_at=jnp.where(breaks, run.updates, run.failed_at),
             failed_term=jnp.where(breaks, jnp.argmin(finite), run.failed_term),
         )
-        return after, jnp.where(sound, values, jnp.nan)
+        return after, _Terms(ordered.names, jnp.where(sound, ordered.values, jnp.nan))
 
-    run, values = jax.lax.scan(body, run, None, length=steps)
-    return run, values.mean(axis=0)
-
-
-def _values(terms: dict[str, Array]) -> Array:
-    return jnp.stack([terms[name] for name in _in_order(terms)])
+    run, terms = jax.lax.scan(body, run, None, length=steps)
+    return run, terms.mean()
 
 
 def _all_finite(tree: Any) -> Array:

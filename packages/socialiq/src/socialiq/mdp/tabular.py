@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
@@ -90,6 +90,10 @@ class TabularMDP:
         return csr_array((entries, (rows[possible], self.successor.ravel()[possible])), shape=shape)
 
     @cached_property
+    def _flow_back(self) -> csc_array:
+        return self.flow.T  # a matrix is transposed slower than it is multiplied
+
+    @cached_property
     def ending_probability(self) -> Float[np.ndarray, "state action kind"]:
         """P(ending | s, a), indexed by `Ending`; at NONE the probability of continuing."""
         chances = [np.where(self.ending == kind, self.probability, 0.0).sum(2) for kind in Ending]
@@ -104,7 +108,7 @@ class TabularMDP:
 
         The adjoint of `expected_next`: <mass, expected_next(v)> = <arrivals(mass), v>.
         """
-        return self.flow.T @ mass.ravel()
+        return self._flow_back @ mass.ravel()
 
     def under(self, policy: StateActionArray) -> csr_array:
         """Return P(s' and the episode continues | s) of a stationary policy: sparse (state, state).

@@ -22,6 +22,7 @@ from socialiq.policies.interface import Interface
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import Actor, ConstantPolicy, Simulator, World
 
@@ -189,16 +190,27 @@ def exact_optima(course: Course) -> tuple[Outcomes, ...]:
     Together they are the best at every angle, so the largest J(α) among them is J*(α) itself.
     They depend on the time; `Outcomes.expected` has the exact expectation.
     """
-    mdp, horizon = course.batch.table.mdp, course.batch.table.world.horizon
-    attainable, optima = attainable_set(mdp, horizon), []
+    optima = []
+    for vertex, (angles, actions, exact) in enumerate(_plans(course.batch.table.world)):
+        actor = simulate.ScriptedActor(lambda time, at, _, plan=actions: plan[time, at])
+        optima.append(course.outcomes(f"optimum_{vertex:02d}", actor, angles, exact))
+    return tuple(optima)
+
+
+@functools.lru_cache(maxsize=8)
+def _plans(
+    world: GridWorld,
+) -> tuple[tuple[tuple[float, float], Int64[np.ndarray, "time state"], RewardPair], ...]:
+    """For each vertex: the angles that it is best for, actions and expected totals."""
+    mdp, horizon, plans = world.table().reachable_part().mdp, world.horizon, []
+    attainable = attainable_set(mdp, horizon)
     for vertex in range(len(attainable.vertices)):
         low, high = attainable.supporting_interval(vertex)
         reward = np.asarray(score(exact_weights((low + high) / 2), mdp.rewards))
         optimum = horizon_optimum(mdp, reward, horizon)
         exact = horizon_evaluation(mdp, optimum.probabilities(mdp.n_actions), horizon).totals
-        actor = simulate.ScriptedActor(lambda time, at, _, plan=optimum.actions: plan[time, at])
-        optima.append(course.outcomes(f"optimum_{vertex:02d}", actor, (low, high), exact))
-    return tuple(optima)
+        plans.append(((low, high), optimum.actions, exact))
+    return tuple(plans)
 
 
 PREFIX = "trivial_"
