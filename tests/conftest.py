@@ -27,6 +27,8 @@ settings.register_profile("patient", PATIENT)
 settings.load_profile("patient")
 
 EXTRAS = Path(__file__).parent / "extras"
+LONG = {"digest", "studies"}
+"""Folders of the longest tests."""
 EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows|two cores)")
 """Reasons that no installation removes. Any other fails a run with --report-skips."""
 
@@ -51,6 +53,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("extras")
         if item.get_closest_marker("two_cores") and available_cores() < 2:
             item.add_marker(pytest.mark.skip("needs two cores"))
+    # Long tests first, or one worker would end with some of them while the other has none left.
+    items.sort(key=lambda item: LONG.isdisjoint(item.path.parts))
 
 
 def pytest_collection_finish() -> None:

@@ -334,7 +334,7 @@ def test_help_shows_an_example_for_every_command(capsys):
 @pytest.fixture(scope="module")
 def clocked(tmp_path_factory):
     path = tmp_path_factory.mktemp("data") / "clocked.safetensors"
-    arguments = ["collect", "crossing7", "--clock", "--episodes", "3", "--out", str(path)]
+    arguments = ["collect", "crossing5", "--clock", "--episodes", "3", "--out", str(path)]
     assert main(arguments) == 0
     return path
 
@@ -342,7 +342,7 @@ def clocked(tmp_path_factory):
 @pytest.fixture(scope="module")
 def dial(clocked, tmp_path_factory):
     out = tmp_path_factory.mktemp("dials") / "run"
-    arguments = ["train", "dial", str(clocked), "--world", "crossing7", "--out", str(out)]
+    arguments = ["train", "dial", str(clocked), "--world", "crossing5", "--out", str(out)]
     assert main([*arguments, "--preset", "offline-redrawn", "--updates", "20"]) == 0
     return out / "dial_0.safetensors"
 
@@ -350,7 +350,7 @@ def dial(clocked, tmp_path_factory):
 def test_train_dial_writes_its_record(dial):
     record = json.loads((dial.parent / "run.json").read_text())
     assert record["preset"] == "offline-redrawn"
-    assert record["structure"]["redraw_times"] == 25
+    assert record["structure"]["redraw_times"] == 20
     assert record["dials"][0]["file"] == dial.name
     with (dial.parent / "metrics.csv").open() as file:
         (row,) = csv.DictReader(file)
@@ -364,7 +364,7 @@ def every_30(dial):
     """Figures that `dial` prints of the dial at every 30 degrees."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        assert main(["dial", "crossing7", "--policy", str(dial), "--every", "30", "--json"]) == 0
+        assert main(["dial", "crossing5", "--policy", str(dial), "--every", "30", "--json"]) == 0
     return json.loads(printed.getvalue())
 
 
@@ -377,7 +377,7 @@ def test_dial_tells_what_each_angle_does(capsys, dial, every_30):
     assert found["rise_r_env"] >= 0 and found["drop_r_social"] >= 0
     shown = sum(row["regret"] for row in found["angles"]) / 4
     assert found["mean_regret_every_30"] == pytest.approx(shown, abs=1e-6)
-    whole = json_of(capsys, "dial", "crossing7", "--policy", str(dial), "--every", "1")
+    whole = json_of(capsys, "dial", "crossing5", "--policy", str(dial), "--every", "1")
     assert found["mean_regret_every_1"] == whole["mean_regret_every_1"]
     assert [name for name in whole if name.startswith("mean_")] == ["mean_regret_every_1"]
 
@@ -403,7 +403,7 @@ def test_dial_tells_what_each_angle_does_at_the_intersection(capsys, tmp_path):
 def test_a_turned_dial_is_evaluated_like_any_policy(capsys, dial, every_30, tmp_path):
     path = tmp_path / "policy.safetensors"
     json_of(capsys, "turn", str(dial), "--angle", "30", "--out", str(path))
-    found = json_of(capsys, "evaluate", str(path), "--world", "crossing7", "--angle", "30")
+    found = json_of(capsys, "evaluate", str(path), "--world", "crossing5", "--angle", "30")
     row = every_30["angles"][1]
     assert found["regret"] == pytest.approx(row["regret"], abs=1e-6)
     assert found["r_env"] == pytest.approx(row["r_env"], abs=1e-6)

@@ -1,12 +1,12 @@
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.digest.studies import run_here
 
-from socialiq.learners.callbacks import Report
 from socialiq.results_folder import Results
 from socialiq_lab import study
-from socialiq_lab.jobs import Job, do, fingerprints, open_jobs
+from socialiq_lab.engine import Engine, run_jobs
 
 WHOLE_RUNS = {"results", "work"}
 """Fixtures that run a whole study, at a tiny size."""
@@ -27,29 +27,20 @@ def work_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(request: pytest.FixtureRequest, work: Path) -> Results:
-    """Results of the module's STUDY with its configuration TINY."""
-    return study.run(request.module.STUDY, request.module.TINY, work=work)
+    """Results of the module's STUDY with its configuration TINY.
 
-
-def run_here(
-    jobs: Sequence[Job],
-    work: Path,
-    on_stage: Callable[[str], Callable[[Report], None] | None],
-    *_engine: object,
-) -> None:
-    """Run the open jobs one by one in this process, which has its programs compiled already."""
-    known = fingerprints(jobs)
-    for job in open_jobs(jobs, work):
-        on_stage(job.stage)
-        do(job, work, known[job.name], lambda _: None)
+    A module whose numbers depend on the arithmetic of the jobs' processes sets `IN_PROCESSES`.
+    """
+    module, engine = request.module, Engine(processes=1)
+    with pytest.MonkeyPatch.context() as patch:
+        if getattr(module, "IN_PROCESSES", False):
+            patch.setattr(study, "run_jobs", run_jobs)
+        return study.run(module.STUDY, module.TINY, work=work, engine=engine)
 
 
 @pytest.fixture(autouse=True, scope="package")
 def without_processes() -> Iterator[None]:
-    """Run the jobs here: two new processes for each study take most of a tiny one's time.
-
-    The processes themselves are tested in `tests/unit/experiments`.
-    """
+    """Run the jobs in this process; `tests/unit/lab` tests the processes themselves."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "run_jobs", run_here)
         yield
