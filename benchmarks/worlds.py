@@ -22,14 +22,15 @@ from gymnasium import spaces
 from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.options import MULTI_AGENT, ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Batch, Intersection
-from socialiq.worlds.registry import open_world
+from socialiq.worlds.registry import make_fleet, open_world
 
 HIGHWAY_STEPS = 150
 SINGLE_STEPS = 5_000
 CORE_STEPS = 30_000
 EFFECTS_STEPS = 10_000
+FLEETS = (2, 4)  # agents
 BATCH = 64  # for one thread
 WIDE_BATCH = 1024  # for two: below that they wait for one another
 DENSITIES = (0.0, 0.3, 0.6, 1.0)  # spawn probabilities
@@ -88,6 +89,7 @@ def run(repeats: int) -> dict[str, Any]:
         "steered_ratio": float(np.median(steering)),
         "two_thread_scaling": float(np.median(scaling)),
         **other_roads(repeats),
+        **fleets(repeats),
         **effects_costs(repeats),
         **by_density(repeats),
         **start_up(),
@@ -111,6 +113,22 @@ def other_roads(repeats: int) -> dict[str, float]:
     return {name: float(value) for name, value in found.items()}
 
 
+def fleets(repeats: int) -> dict[str, float]:
+    """Return decisions of agents per second with several, as in intersection-multi-agent-v0."""
+    found = {}
+    for agents in FLEETS:
+        batch = make_fleet(agents=agents, **MULTI_AGENT).batch(WIDE_BATCH)
+        real = real_environment(batch.options)
+        pairs = []
+        for _ in range(repeats):
+            ours = agents * scene_steps_per_second(batch, 2 * CORE_STEPS)
+            pairs.append((ours, agents * real_steps_per_second(real)))
+        name, (ours, theirs) = f"{agents}_agents", np.median(pairs, axis=0)
+        found |= {f"{name}_per_s": ours, f"highway_env_{name}_per_s": theirs}
+        found[f"{name}_ratio"] = np.median([ours / theirs for ours, theirs in pairs])
+    return {name: float(value) for name, value in found.items()}
+
+
 def effects_costs(repeats: int) -> dict[str, float]:
     """Return how many times as long a decision takes with the measure of effects, by road."""
     costs = {}
@@ -130,7 +148,7 @@ def effects_costs(repeats: int) -> dict[str, float]:
 def scene_steps_per_second(batch: Any, steps: int = CORE_STEPS) -> float:
     """Policy steps per second of a road under random actions, resets included."""
     rounds = steps // batch.size
-    actions = np.random.default_rng(0).integers(batch.n_actions, size=(rounds, batch.size))
+    actions = np.random.default_rng(0).integers(batch.n_actions, size=(rounds, *batch.shape))
     batch.reset(0)
     begin = time.perf_counter()
     for row in actions:
@@ -195,9 +213,12 @@ def steps_per_second(batch: Batch, steps: int) -> float:
     return rounds * batch.size / (time.perf_counter() - begin)
 
 
-def drawn(space: Any, *shape: int) -> np.ndarray:
+def drawn(space: Any, *shape: int) -> Any:
     """Uniform actions of a space, of this shape."""
     rng = np.random.default_rng(0)
+    if isinstance(space, spaces.Tuple):  # of several agents
+        agents = rng.integers(space[0].n, size=(*shape, len(space)))
+        return [tuple(row) for row in agents]
     if isinstance(space, spaces.Discrete):
         return rng.integers(space.n, size=shape)
     return rng.uniform(space.low, space.high, (*shape, *space.shape)).astype(np.float32)

@@ -5,12 +5,19 @@ import json
 import subprocess
 import sys
 
+import gymnasium
 import pytest
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
 from socialiq.worlds import conformance as conformance_module
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.options import (
+    MULTI_AGENT,
+    ContinuousOptions,
+    FleetOptions,
+    Options,
+)
+from socialiq.worlds.intersection.reference import IntersectionEnv, environment_config
 
 EPISODES = 30  # of each population and lane mode
 COUNTS = ("episodes", "steps", "off_road")
@@ -51,6 +58,32 @@ def test_bits_are_equal_with_continuous_actions(actions):
     deviations = [found[name] for name in found if name not in COUNTS]
     assert deviations == [0] * 4
     assert status == 0
+
+
+@pytest.mark.parametrize(("agents", "connected"), [(2, False), (4, True)])
+def test_bits_are_equal_with_several_agents(agents, connected):
+    seed = 35_000 + 1000 * connected + 500 * (agents == 4)
+    flags = ["--agents", agents, *["--connected"] * connected]
+    status, found = conformance("--episodes", 10, "--seed", seed, *flags)
+    assert found["episodes"] == 10 and found["steps"] > 6 * 10
+    assert [found[name] for name in found if name not in COUNTS] == [0] * 4
+    assert status == 0
+
+
+@pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
+@pytest.mark.parametrize("version", [0, 1, 2])
+def test_the_registered_environments_have_this_class_and_these_options(version):
+    made = gymnasium.make(f"highway_env:intersection-multi-agent-v{version}")
+    # of the plain class they change the defaults alone; wrappers show the agents' results
+    for kind in type(made.unwrapped).__mro__[: type(made.unwrapped).__mro__.index(IntersectionEnv)]:
+        assert {name for name in vars(kind) if not name.startswith("__")} <= {"default_config"}
+    options = FleetOptions(agents=2, connected_lanes=version == 2, **MULTI_AGENT)
+    ours, theirs = environment_config(options), made.unwrapped.config
+    for side, inner in (("action", "action_config"), ("observation", "observation_config")):
+        given = theirs[side][inner]
+        given.pop("flatten", None)  # accepted and ignored
+        ours[side][inner] = {name: ours[side][inner][name] for name in given}
+    assert {name: theirs[name] for name in ours} == ours
 
 
 def test_bits_are_equal_where_leaving_the_road_ends_the_episode():

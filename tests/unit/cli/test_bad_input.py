@@ -80,6 +80,8 @@ def refused(capsys, *arguments):
         (["conformance", "--actions", "x"], "--actions x: choose one of "),
         (["conformance", "--scene", "x"], "--scene x: choose one of intersection, merge"),
         (["conformance", "--scene", "merge", "--population", "thesis"], "leave it out with merge"),
+        (["conformance", "--agents", "5"], "--agents takes 1 to 4, with discrete actions, got 5"),
+        (["conformance", "--scene", "merge", "--agents", "2"], "leave it out with merge"),
         (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
         (["evaluate", "policy.onnx"], "no such file: policy.onnx"),
         (

@@ -19,6 +19,7 @@ from socialiq.worlds.highway.scenes import Scene
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, SceneWorld, world_of
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import Decisions
 
 jax: Any = Later("jax")
 
@@ -110,11 +111,28 @@ def _road(
     return world, world.batch(size, threads)
 
 
-def _observations(world: RoadWorld, clock: bool) -> spaces.Box:
+def observations_of(world: RoadWorld, clock: bool) -> spaces.Box:
+    """Return the space of an observation of a road, with or without the time."""
     low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
     if clock:
         low[-1], high[-1] = 0.0, world.options.decisions
     return spaces.Box(low, high, dtype=np.float32)
+
+
+def facts_of(made: Decisions, at: tuple[int, ...]) -> dict[str, Any]:
+    """Return `info` of one decision: of an episode, or of an agent in it."""
+    facts = {
+        "reward_pair": np.array([made.rewards.env[at], made.rewards.social[at]]),
+        "signals": {name: float(values[at]) for name, values in made.signals.items()},
+        "ending": Ending(int(made.ending[at])).name.lower(),
+        "speed": float(made.speed[at]),
+        "contact": Contact(int(made.contact[at])).name.lower(),
+        "neighbours_collided": int(made.neighbours_collided[at]),
+    }
+    if len(made.off_road):  # a recorded junction doesn't report these
+        facts["classical"] = np.array([made.classical.env[at], made.classical.social[at]])
+        facts["off_road"] = bool(made.off_road[at])
+    return facts
 
 
 def _timed(observation: np.ndarray, time: np.ndarray, clock: bool) -> np.ndarray:
@@ -158,7 +176,7 @@ class RoadEnv(gymnasium.Env):
             self.metadata = {**self.metadata, "render_fps": 1}
         self.render_mode, self._clock = render_mode, clock
         self._weights = weights(check_angle(angle))
-        self.observation_space = _observations(self.world, clock)
+        self.observation_space = observations_of(self.world, clock)
         self.action_space = self.world.action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
@@ -173,19 +191,7 @@ class RoadEnv(gymnasium.Env):
         """Take one decision. A timeout truncates; every other ending terminates."""
         chosen = action if self.world.options.continuous else int(action)
         decisions = self.batch.step(np.asarray([chosen]), auto_reset=False)
-        ending = int(decisions.ending[0])
-        info = {
-            "reward_pair": np.array([decisions.rewards.env[0], decisions.rewards.social[0]]),
-            "signals": {name: float(values[0]) for name, values in decisions.signals.items()},
-            "ending": Ending(ending).name.lower(),
-            "speed": float(decisions.speed[0]),
-            "contact": Contact(int(decisions.contact[0])).name.lower(),
-            "neighbours_collided": int(decisions.neighbours_collided[0]),
-        }
-        if len(decisions.off_road):  # a recorded junction doesn't report these
-            classical = decisions.classical
-            info["classical"] = np.array([classical.env[0], classical.social[0]])
-            info["off_road"] = bool(decisions.off_road[0])
+        ending, info = int(decisions.ending[0]), facts_of(decisions, (0,))
         reward = float(score(self._weights, decisions.rewards)[0])
         observation = _timed(decisions.observation, self.batch.time, self._clock)[0]
         return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info
@@ -227,7 +233,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
         self.num_envs, self._clock = num_envs, clock
         self.metadata, self.autoreset_mode = {"autoreset_mode": autoreset_mode}, autoreset_mode
         self._weights = weights(check_angle(angle))
-        self.single_observation_space = _observations(self.world, clock)
+        self.single_observation_space = observations_of(self.world, clock)
         self.single_action_space: gymnasium.Space[Any] = self.world.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

@@ -19,9 +19,9 @@ from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.world import world_of
+from socialiq.worlds.highway.world import RoadWorld, world_of
 from socialiq.worlds.intersection import world as intersection
-from socialiq.worlds.intersection.options import ContinuousOptions
+from socialiq.worlds.intersection.options import ContinuousOptions, FleetOptions
 from socialiq.worlds.world import World
 
 Kind = TypeVar("Kind")
@@ -146,6 +146,22 @@ def make_grid(name: str, **options: Any) -> GridWorld:
     world = make(name, **options)
     assert isinstance(world, GridWorld)
     return world
+
+
+def make_fleet(name: str = "intersection", agents: int = 2, **options: Any) -> RoadWorld:
+    """Build a road on which several vehicles of an episode are controlled.
+
+    The intersection and every scene have `highway.options.AgentOptions` beside their own; those of
+    `intersection.options.MULTI_AGENT` make highway-env's multi-agent environments.
+
+    Raises:
+        UserError: If the road, an option or a value is unknown, or there are too many agents.
+    """
+    one_of("road", name, ("intersection", *SCENES))
+    options = {"agents": agents} | options
+    if name != "intersection":
+        return world_of(name, **options)
+    return intersection.Intersection(parse_options(name, FleetOptions, options))
 
 
 def default_options(name: str) -> dict[str, Any]:

@@ -133,7 +133,7 @@ class Network:
         return sum(len(self._graph[first][last]) for first, last in before) + number
 
     def lanes(self, task: Sequence[str] = ()) -> np.ndarray:
-        """Return all lanes, LANE; progress is measured along the ego's way, given by its nodes."""
+        """Return all lanes, LANE; `before` is NaN but on the ego's way, given by its nodes."""
         nodes, rows = sorted({node for road in self.roads for node in road}), []
         for number, (start, end) in enumerate(self.roads):
             parallel = self._graph[start][end]
@@ -142,7 +142,7 @@ class Network:
                 for name, value in lane.shape.items():
                     row[name] = value
                 row["forbidden"], row["kind"] = lane.forbidden, lane.kind
-                row["speed_limit"] = 20.0
+                row["speed_limit"], row["before"] = 20.0, np.nan
                 row["road"], row["number"] = number, rank
                 row["first"], row["lanes"] = len(rows) - rank, len(parallel)
                 row["start"], row["end"] = nodes.index(start), nodes.index(end)

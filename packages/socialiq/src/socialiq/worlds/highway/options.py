@@ -166,6 +166,15 @@ class AgentOptions:
     frame: Frame = "own"
 
 
+@dataclass(frozen=True)
+class SceneFleetOptions(AgentOptions, RoadOptions):  # pyright: ignore[reportIncompatibleVariableOverride]
+    """Options of a scene of highway-env whose first entries are controlled.
+
+    Raises:
+        UserError: As `RoadOptions`, and if there are too many agents.
+    """
+
+
 ENV_SIGNALS = ("progress", "speed", "step", "collision", "arrival", "timeout")
 SOCIAL_SIGNALS = ("yielding", "disruption", "neighbour_collision")
 SIGNALS = ENV_SIGNALS + SOCIAL_SIGNALS

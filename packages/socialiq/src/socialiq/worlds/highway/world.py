@@ -34,6 +34,7 @@ from socialiq.worlds.highway.options import (
     AgentOptions,
     Buffers,
     RoadOptions,
+    SceneFleetOptions,
     reward_definition,
     settings_of,
 )
@@ -50,7 +51,7 @@ class State(NamedTuple):
 
     episodes: np.ndarray  # EPISODE records, (rows,)
     vehicles: np.ndarray  # records of vehicles, (rows, capacity)
-    observation: np.ndarray  # (rows, vehicles seen, 7)
+    observation: np.ndarray  # (rows, vehicles seen by all agents, 7)
     waiting: np.ndarray  # whether the episodes have ended and need a reset, (rows,)
     ledger: Ledger | None = None  # of what the ego causes, if that is measured
 
@@ -98,7 +99,8 @@ class RoadBatch(abc.ABC):
         self._settings, self._threads = settings, threads
         self.size = size = len(buffers.episodes)
         # of observations, actions and results: with an axis for agents if there may be several
-        self.shape = (size, options.agents) if isinstance(options, AgentOptions) else (size,)
+        several = isinstance(options, AgentOptions)
+        self.shape: tuple[int, ...] = (size, options.agents) if several else (size,)
         if effects is not None and len(self.shape) > 1:
             raise UserError("effects are measured of one ego: leave them out with several agents")
         self.ledger: Ledger | None = None
@@ -158,6 +160,11 @@ class RoadBatch(abc.ABC):
             numbers = sorted({*chosen.tolist()})
             raise UserError(f"actions must be 0 to {self.n_actions - 1}, got {numbers}")
         return chosen.astype(np.int64).reshape(-1)
+
+    @property
+    def running(self) -> Bool[np.ndarray, " batch"]:
+        """Whether each episode has begun and not ended."""
+        return ~self._waiting
 
     @property
     def observation(self) -> Float32[np.ndarray, "*batch feature"]:
@@ -265,8 +272,8 @@ class RoadBatch(abc.ABC):
     @property
     def _columns(self) -> State:
         buffers = self.buffers
-        columns = buffers.episodes, buffers.vehicles, buffers.observation, self._waiting
-        return State(*columns, self.ledger)
+        seen = buffers.observation.reshape(self.size, -1, len(FEATURES))  # a view
+        return State(buffers.episodes, buffers.vehicles, seen, self._waiting, self.ledger)
 
     def save(self) -> State:
         """Return a copy of the state of every episode."""
@@ -361,8 +368,13 @@ class Batch(RoadBatch):
         traced: bool = False,
         effects: EffectOptions | None = None,
     ) -> None:
-        self.scene = scene
-        most = len(scene.road.entries) + len(scene.road.obstacles)
+        self.scene, entries = scene, len(scene.road.entries)
+        if options.agents > entries:
+            raise UserError(
+                f"{scene.name} has {entries} vehicles: choose at most as many agents, not "
+                f"{options.agents}"
+            )
+        most = entries + len(scene.road.obstacles)
         buffers = Buffers.of(options, CAR, most, size, traced or effects is not None)
         super().__init__(options, buffers, settings_of(options), threads, effects)
 
@@ -409,11 +421,14 @@ class SceneWorld(RoadWorld):
 def world_of(scene: Scene | str, **options: Any) -> SceneWorld:
     """Return a scene, or one of `SCENES` by name, as a world; other options are the scene's own.
 
+    With the option `agents` so many of its vehicles are controlled (`AgentOptions`).
+
     Raises:
         UserError: If the scene, an option or a value is unknown.
     """
     chosen = scene_of(scene) if isinstance(scene, str) else scene
-    names = tuple(field.name for field in dataclasses.fields(RoadOptions))
+    kind = SceneFleetOptions if "agents" in options else RoadOptions
+    names = tuple(field.name for field in dataclasses.fields(kind))
     for option in options:
         one_of(f"option of {chosen.name}", option, names)
-    return SceneWorld(chosen, RoadOptions(**{**_CLOCK, **chosen.defaults, **options}))
+    return SceneWorld(chosen, kind(**{**_CLOCK, **chosen.defaults, **options}))

@@ -1,5 +1,6 @@
 """One decision of an episode of any road, and the scenes of highway-env, which run through it."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -149,7 +150,10 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
         signals, braking = row
         ego = after[slot_of_agent]
         reached = coordinate(ego, road)
-        advanced = reached - coordinate(before[slot_of_agent], road)
+        earlier = before[slot_of_agent]
+        advanced = reached - coordinate(earlier, road)
+        if math.isnan(advanced):  # elsewhere than on the task's way
+            advanced = distance(ego.x, ego.y, earlier.x, earlier.y)
         rewards.env_signals(advanced, is_on_road(ego, road), ego.speed, ending, settings, signals)
         lane = lane_of(ego.lane, road)
         along, travelled = longitudinal(lane, ego.x, ego.y), reached - start
