@@ -59,7 +59,7 @@ def _compare_episode(
         if is_same:
             gap = np.abs(decisions.observation.reshape(-1) - observation).max()
             worst = np.maximum(worst, [deviation, gap, paid])
-        running = is_same and not ended(decisions.ending.reshape(1, -1), each=False)[0]
+        running = is_same and not ended(decisions.ending.reshape(1, -1), joint=True)[0]
     return Compared(seed, steps, int(not is_same), *worst.tolist(), off_road=left)
 
 
@@ -127,7 +127,7 @@ class _RealIntersection:
     def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
         real = self._batch.step(np.asarray([action]), auto_reset=False)
         alike = (real.ending == decisions.ending) & (real.contact == decisions.contact)
-        over = ended(decisions.ending.reshape(1, -1), each=False)[0]
+        over = ended(decisions.ending.reshape(1, -1), joint=True)[0]
         paid = np.abs(np.subtract(real.rewards, decisions.rewards)).max()
         owned = rewards_of(self._core.buffers, decisions.off_road.reshape(-1))
         paid = max(paid, np.abs(owned - self._row.rewards).max())

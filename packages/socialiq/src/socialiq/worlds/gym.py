@@ -119,19 +119,19 @@ def observations_of(world: RoadWorld, clock: bool) -> spaces.Box:
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def facts_of(made: Decisions, at: tuple[int, ...]) -> dict[str, Any]:
+def facts_of(decisions: Decisions, at: tuple[int, ...]) -> dict[str, Any]:
     """Return `info` of one decision: of an episode, or of an agent in it."""
     facts = {
-        "reward_pair": np.array([made.rewards.env[at], made.rewards.social[at]]),
-        "signals": {name: float(values[at]) for name, values in made.signals.items()},
-        "ending": Ending(int(made.ending[at])).name.lower(),
-        "speed": float(made.speed[at]),
-        "contact": Contact(int(made.contact[at])).name.lower(),
-        "neighbours_collided": int(made.neighbours_collided[at]),
+        "reward_pair": np.array([decisions.rewards.env[at], decisions.rewards.social[at]]),
+        "signals": {name: float(values[at]) for name, values in decisions.signals.items()},
+        "ending": Ending(int(decisions.ending[at])).name.lower(),
+        "speed": float(decisions.speed[at]),
+        "contact": Contact(int(decisions.contact[at])).name.lower(),
+        "neighbours_collided": int(decisions.neighbours_collided[at]),
     }
-    if len(made.off_road):  # a recorded junction doesn't report these
-        facts["classical"] = np.array([made.classical.env[at], made.classical.social[at]])
-        facts["off_road"] = bool(made.off_road[at])
+    if len(decisions.off_road):  # a recorded junction doesn't report these
+        facts["classical"] = np.array([decisions.classical.env[at], decisions.classical.social[at]])
+        facts["off_road"] = bool(decisions.off_road[at])
     return facts
 
 

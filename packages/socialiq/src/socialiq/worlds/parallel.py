@@ -111,9 +111,9 @@ class RoadParallelEnv(ParallelEnv):
         self.agents = [agent for agent in self.agents if not ended[agent]]
         return observations, rewards, terminated, truncated, infos
 
-    def _ended(self, made: Decisions) -> dict[str, str]:
+    def _ended(self, decisions: Decisions) -> dict[str, str]:
         """Return how each agent leaves after a decision; "" if it stays."""
-        ending = made.ending[0]
+        ending = decisions.ending[0]
         joint = getattr(self.world.options, "ends", "") == "joint"
         if joint and self.batch.running[0]:
             return dict.fromkeys(self.agents, "")

@@ -251,10 +251,10 @@ _UNITS = (
 )
 
 
-def ended(ending: np.ndarray, each: bool) -> np.ndarray:
+def ended(ending: np.ndarray, joint: bool) -> np.ndarray:
     """Return whether each episode has ended, by `Ending` (episode, agent); see `AgentOptions`."""
     over = (ending != int(Ending.NONE)).all(axis=1)
-    return over if each else over | (ending == int(Ending.COLLISION)).any(axis=1)
+    return over if not joint else over | (ending == int(Ending.COLLISION)).any(axis=1)
 
 
 def reward_definition(options: RoadOptions) -> dict[str, Any]:

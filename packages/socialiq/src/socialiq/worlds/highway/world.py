@@ -233,8 +233,8 @@ class RoadBatch(abc.ABC):
         self.measure(PREPARE, deciding)
         self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
         self.measure(ACCOUNT, deciding)
-        each = bool(self._settings["each"][0])
-        ended = deciding & ended_of(self.buffers.ending.reshape(self.size, -1), each)
+        joint = not self._settings["each"][0]
+        ended = deciding & ended_of(self.buffers.ending.reshape(self.size, -1), joint)
         decisions = self._decisions()
         if not auto_reset:
             self._waiting |= ended

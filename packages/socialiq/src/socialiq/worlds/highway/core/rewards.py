@@ -179,17 +179,17 @@ _PERCEPTION = 200.0  # m
 
 
 @kernel
-def observe(vehicles, count, ego, seen, observation):
+def observe(vehicles, count, ego, view, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
 
-    Seen are given by the coordinates along the ego's lane by slot, m, the `tie`, the SIGHT record
+    The view is the coordinates along the ego's lane by slot, m, the `tie`, the SIGHT record
     and the quarter turns, from east to north, of the frame.
 
     Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
     on the ego's lane, so rounding often decides their order; with `tie`, m, the list's order
     decides.
     """
-    along, tie, sight, turns = seen
+    along, tie, sight, turns = view
     observation[:] = 0.0
     me = vehicles[ego]
     _write(me, 0.0, 0.0, 0.0, 0.0, sight, turns, observation[0])

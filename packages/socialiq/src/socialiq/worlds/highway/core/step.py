@@ -56,8 +56,7 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
     Agents' results and actions have a row each, those of an episode in turn.
     """
     lane_of, sight, turns = kernels.lane, kernels.sight, kernels.turns
-    coordinate, choose, sub_step = kernels.coordinate, kernels.choose, kernels.sub_step
-    renew, remove, reset, records = kernels.renew, kernels.remove, kernels.reset, kernels.records
+    renew, remove = kernels.renew, kernels.remove
 
     @kernel
     def observe(vehicles, count, slot_of_agent, road, settings, observation):
@@ -68,26 +67,8 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
         seen = along, settings.tie, sight(road), turned
         rewards.observe(vehicles, count, slot_of_agent, seen, observation)
 
+    decide, begin = _decide_of(kernels), _begin_of(kernels, observe)
     annotate = _annotate_of(kernels, observe)
-
-    @kernel
-    def decide(buffers, row, actions, road, settings):
-        """Run the sub-steps of one decision; write snapshots before and after them."""
-        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
-        _copy(vehicles, records(episode.vehicles, vehicles), buffers.before[row])
-        episode.time += settings.decision
-        for number in range(settings.agents):
-            slot = episode.controlled[number]
-            if slot >= 0:
-                choose(vehicles[slot], actions[row * settings.agents + number], road, settings)
-        for frame in range(settings.frames):
-            sub_step(episode, vehicles, road, settings)
-            if len(buffers.trace):
-                _copy(vehicles, records(episode.vehicles, vehicles), buffers.trace[row, frame])
-        _copy(vehicles, records(episode.vehicles, vehicles), buffers.after[row])
-        buffers.present[row, 0] = episode.vehicles
-        for number in range(settings.agents):
-            buffers.present[row, 1 + number] = episode.controlled[number]
 
     @kernel
     def depart(episode, vehicles):
@@ -96,19 +77,6 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
             number = vehicles[slot].agent
             if vehicles[slot].crashed or (number >= 0 and episode.ended[number] != _NO_ENDING):
                 remove(episode, vehicles, slot)
-
-    @kernel
-    def begin(buffers, row, road, settings):
-        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
-        for number in range(settings.agents):
-            episode.controlled[number], episode.ended[number] = -1, _NO_ENDING
-            episode.contact[number], episode.touched[number] = _NO_CONTACT, -1
-        reset(episode, vehicles, road, settings)
-        count = records(episode.vehicles, vehicles)
-        for number in range(settings.agents):
-            slot, result = episode.controlled[number], row * settings.agents + number
-            episode.start[number] = coordinate(vehicles[slot], road)
-            observe(vehicles, count, slot, road, settings, buffers.observation[result])
 
     @kernel
     def carry_out(buffers, row, command, actions, road, settings):
@@ -136,10 +104,71 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
     return carry_out
 
 
-def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the kernel that writes a decision's results from its two snapshots."""
-    arrived, records, same_origin = kernels.arrived, kernels.records, kernels.same_origin
-    lane_of, coordinate = kernels.lane, kernels.coordinate
+def _decide_of(kernels: RoadKernels) -> Callable[..., Any]:
+    """Return the kernel of a decision's sub-steps."""
+    choose, sub_step, records = kernels.choose, kernels.sub_step, kernels.records
+
+    @kernel
+    def decide(buffers, row, actions, road, settings):
+        """Run the sub-steps of one decision; write snapshots before and after them."""
+        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+        _copy(vehicles, records(episode.vehicles, vehicles), buffers.before[row])
+        episode.time += settings.decision
+        for number in range(settings.agents):
+            slot = episode.controlled[number]
+            if slot >= 0:
+                choose(vehicles[slot], actions[row * settings.agents + number], road, settings)
+        for frame in range(settings.frames):
+            sub_step(episode, vehicles, road, settings)
+            if len(buffers.trace):
+                _copy(vehicles, records(episode.vehicles, vehicles), buffers.trace[row, frame])
+        _copy(vehicles, records(episode.vehicles, vehicles), buffers.after[row])
+        buffers.present[row, 0] = episode.vehicles
+        for number in range(settings.agents):
+            buffers.present[row, 1 + number] = episode.controlled[number]
+
+    return decide
+
+
+def _begin_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the kernel that starts an episode."""
+    coordinate, reset, records = kernels.coordinate, kernels.reset, kernels.records
+
+    @kernel
+    def begin(buffers, row, road, settings):
+        episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+        for number in range(settings.agents):
+            episode.controlled[number], episode.ended[number] = -1, _NO_ENDING
+            episode.contact[number], episode.touched[number] = _NO_CONTACT, -1
+        reset(episode, vehicles, road, settings)
+        count = records(episode.vehicles, vehicles)
+        for number in range(settings.agents):
+            slot, result = episode.controlled[number], row * settings.agents + number
+            episode.start[number] = coordinate(vehicles[slot], road)
+            observe(vehicles, count, slot, road, settings, buffers.observation[result])
+
+    return begin
+
+
+@kernel
+def _clear(buffers, result):
+    """Write the results of an agent that has left."""
+    for slot in range(buffers.reached.shape[1]):
+        for feature in range(buffers.reached.shape[2]):
+            buffers.reached[result, slot, feature] = 0.0
+    for slot in range(buffers.braking.shape[1]):
+        buffers.braking[result, slot] = False
+    for signal in range(buffers.signals.shape[1]):
+        buffers.signals[result, signal] = 0.0
+    for side in range(2):
+        buffers.rewards[result, side], buffers.classical[result, side] = 0.0, 0.0
+    buffers.speed[result], buffers.contact[result] = 0.0, _NO_CONTACT
+    buffers.neighbours_collided[result] = 0
+
+
+def _signals_of(kernels: RoadKernels) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the kernels that tell whether a vehicle is on the road, and write the signals."""
+    lane_of, coordinate, same_origin = kernels.lane, kernels.coordinate, kernels.same_origin
 
     @kernel
     def is_on_road(vehicle, road):
@@ -168,20 +197,13 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
             lost[slot] = before[slot].speed - vehicle.speed
         rewards.social_signals(ego.speed, within, counted, lost, ending, settings, signals, braking)
 
-    @kernel
-    def clear(buffers, result):
-        """Write the results of an agent that has left."""
-        for slot in range(buffers.reached.shape[1]):
-            for feature in range(buffers.reached.shape[2]):
-                buffers.reached[result, slot, feature] = 0.0
-        for slot in range(buffers.braking.shape[1]):
-            buffers.braking[result, slot] = False
-        for signal in range(buffers.signals.shape[1]):
-            buffers.signals[result, signal] = 0.0
-        for side in range(2):
-            buffers.rewards[result, side], buffers.classical[result, side] = 0.0, 0.0
-        buffers.speed[result], buffers.contact[result] = 0.0, _NO_CONTACT
-        buffers.neighbours_collided[result] = 0
+    return is_on_road, write_signals
+
+
+def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the kernel that writes a decision's results from its two snapshots."""
+    arrived, records = kernels.arrived, kernels.records
+    is_on_road, write_signals = _signals_of(kernels)
 
     @kernel
     def annotate_agent(buffers, row, number, result, on_road, road, settings):
@@ -190,7 +212,7 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
         count, slot = buffers.present[row, 0], buffers.present[row, 1 + number]
         earlier = episode.ended[number]
         if slot < 0:
-            clear(buffers, result)
+            _clear(buffers, result)
             return earlier
         ego = after[slot]
         observe(after, records(count, after), slot, road, settings, buffers.reached[result])
