@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -327,10 +327,8 @@ class InTime:
 
     @cached_property
     def _boxes(self) -> Float64[np.ndarray, "2 way 4"]:
-        return self._boxes_of(self._every)
-
-    def _boxes_of(self, ways: Sequence[Way]) -> Float64[np.ndarray, "2 way 4"]:
-        boxes = [way.box for way in ways], [way.box_within(self.horizon) for way in ways]
+        every, horizon = self._every, self.horizon
+        boxes = [way.box for way in every], [way.box_within(horizon) for way in every]
         return np.array(boxes).reshape(2, -1, 4)
 
     def between(self, first: int | float, last: int | float, near: Way | None = None) -> list[Way]:
@@ -344,8 +342,9 @@ class InTime:
         chosen = np.sort(self._order[begin:end])
         chosen = chosen[self._last[chosen] >= first]
         if near is not None:
-            for box, boxes in zip(self._boxes_of([near]), self._boxes[::-1], strict=True):
-                beside = (boxes[chosen, :2] <= box[0, 2:]) & (box[0, :2] <= boxes[chosen, 2:])
+            of_near = np.array([near.box, near.box_within(self.horizon)])
+            for box, boxes in zip(of_near, self._boxes[::-1], strict=True):
+                beside = (boxes[chosen, :2] <= box[2:]) & (box[:2] <= boxes[chosen, 2:])
                 chosen = chosen[beside.all(axis=1)]
         return [self._every[index] for index in chosen.tolist()]
 

@@ -14,13 +14,7 @@ import numpy as np
 
 from socialiq.evaluation.effects import LONGEST_GAP, MOVED
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import (
-    entry_point,
-    fingerprint,
-    inlined_kernel,
-    kernel,
-    run_in_parts,
-)
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
 from socialiq.worlds.highway.core.effects import HARD, encounter
 from socialiq.worlds.highway.effects import RELATIONS
 from socialiq.worlds.highway.options import Contact
@@ -87,13 +81,6 @@ def _relation(road, pair, back):
 
 
 @kernel
-def _gap(times):
-    """Return the sub-steps between the ego and a vehicle in their area; infinite if not both."""
-    first, last, begin, end = times
-    return max(begin - last - 1, first - end - 1, 0) if min(first, begin) >= 0 else np.inf
-
-
-@kernel
 def _note(times, vehicle, column, step):
     """Write that a vehicle is in an area at a sub-step."""
     if times[vehicle, column] < 0:
@@ -126,7 +113,7 @@ def _look(road, traffic, row, base, pairs, ego, step, driving, times):
     return closest
 
 
-@inlined_kernel
+@kernel
 def _drive(road, traffic, row, episodes, with_ego, end, tally):
     """Drive an episode to the common end. A collision stops both, until they are towed."""
     recording, ego = traffic.recording[row], traffic.ego[row]
@@ -180,7 +167,10 @@ def _drive(road, traffic, row, episodes, with_ego, end, tally):
         tally.place[row, vehicle] = min(traffic.along[row, vehicle], place)
         pair, back = pairs + vehicle, road.pair_first[recording] + vehicle * count + ego
         tally.relation[row, vehicle] = _relation(road, pair, back)
-        tally.gap[row] = min(tally.gap[row], _gap(times[vehicle]))
+        entered, left, they_entered, they_left = times[vehicle]
+        if min(entered, they_entered) >= 0:
+            apart = max(they_entered - left - 1, entered - they_left - 1, 0)
+            tally.gap[row] = min(tally.gap[row], apart)
 
 
 def _entry(sources: int) -> Any:
@@ -251,13 +241,8 @@ def caused(batch: JunctionBatch, actor: Actor, seeds: np.ndarray) -> dict[str, n
 def _driven(batch: JunctionBatch, episodes: Episodes, with_ego: bool, end: _End) -> Tally:
     """Return what is counted in episodes that are driven again from their seeds."""
     world, size = batch.world, len(episodes.seeds)
-    others = size, world.capacity
-    tally = Tally(
-        np.full(others, np.nan),
-        np.full(others, -1),
-        np.zeros(size),
-        np.full(size, np.inf),
-        np.zeros((size, end.steps // end.frames)),
-    )
+    place, encounters = np.full((size, world.capacity), np.nan), end.steps // end.frames
+    relation, gap = np.full(place.shape, -1), np.full(size, np.inf)
+    tally = Tally(place, relation, np.zeros(size), gap, np.zeros((size, encounters)))
     run_in_parts(_run, 1, size, world.road, Traffic.of(world, size), episodes, with_ego, end, tally)
     return tally
