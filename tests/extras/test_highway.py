@@ -21,7 +21,12 @@ pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 from highway_env.envs.intersection_env import IntersectionEnv
 
 from socialiq.worlds.intersection import reference
-from socialiq.worlds.intersection.reference import Driver, HighwayIntersection, environment_config
+from socialiq.worlds.intersection.reference import (
+    Driver,
+    HighwayIntersection,
+    controlled,
+    environment_config,
+)
 
 SEEDS = range(6)
 
@@ -38,17 +43,21 @@ def varied():
     return HighwayIntersection(Options(population="thesis"))
 
 
+def ego_of(vehicles):
+    return int(controlled(vehicles)[0])
+
+
 def crashed(world):
-    return bool(world.after["crashed"][world.ego_after])
+    return bool(world.after["crashed"][ego_of(world.after)])
 
 
 def touched_by(world):
-    return world.environment.road.contact, world.environment.road.touched
+    return world.environment.road.contacts[0]
 
 
 def ended(world):
     """Whether it is terminated, and truncated, by all that an engine reads of it."""
-    terminated = crashed(world) or arrived(world.after[world.ego_after], 0)
+    terminated = crashed(world) or arrived(world.after[ego_of(world.after)], 0)
     return terminated, world.environment.time >= world.environment.config["duration"]
 
 
@@ -69,7 +78,7 @@ def assert_same_episode(world, plain, seed):
         np.testing.assert_array_equal(found, observation.ravel())
         assert ended(world) == (terminated, truncated)
         assert (crashed(world), world.environment.time) == (info["crashed"], plain.time)
-        assert arrived(world.after[world.ego_after], 0) == plain.has_arrived(plain.vehicle)
+        assert arrived(world.after[ego_of(world.after)], 0) == plain.has_arrived(plain.vehicle)
 
 
 @pytest.mark.parametrize("connected_lanes", [False, True])
@@ -95,7 +104,7 @@ def test_options_reach_the_environment():
     arms = set()
     for seed in SEEDS:
         assert world.reset(seed).shape == (4 * 7,)
-        arms.add(int(world.vehicles["destination"][world.ego]))
+        arms.add(int(world.vehicles["destination"][ego_of(world.vehicles)]))
     assert arms == {1, 2, 3}
     while not any(ended(world)):
         world.step(0)
@@ -160,8 +169,8 @@ def test_before_after_and_now_are_three_moments_of_one_episode(world):
             assert len(now) - kept.sum() in (0, 1)
             cleared += (~kept).sum()
             came += len(now) - kept.sum()
-            assert_valid(now, world.ego)
-            assert_valid(world.after, world.ego_after)
+            assert_valid(now, ego_of(world.vehicles))
+            assert_valid(world.after, ego_of(world.after))
             assert crashed(world) == world.environment.vehicle.crashed
     assert cleared > 0 and came > 0
 
@@ -192,7 +201,7 @@ def test_highway_env_population_is_its_fixed_parameters():
     population = POPULATIONS["highway_env"]
     for seed in SEEDS:
         world.reset(seed)
-        drivers = np.delete(world.vehicles, world.ego)
+        drivers = np.delete(world.vehicles, ego_of(world.vehicles))
         for name, normal in population._asdict().items():
             assert (drivers[name] == normal.mean).all()
 
@@ -201,7 +210,7 @@ def test_varied_drivers_differ_and_stay_in_bounds(varied):
     episodes = []
     for seed in range(12):
         varied.reset(seed)
-        episodes.append(np.delete(varied.vehicles, varied.ego))
+        episodes.append(np.delete(varied.vehicles, ego_of(varied.vehicles)))
     drivers = np.concatenate(episodes)
     for name, normal in POPULATIONS["thesis"]._asdict().items():
         assert ((drivers[name] >= normal.low) & (drivers[name] <= normal.high)).all()
@@ -235,7 +244,7 @@ def test_desired_speed_survives_every_yield(varied):
     for seed in SEEDS:
         yielded = set()
         for _ in random_decisions(varied, seed):
-            drivers = np.delete(varied.vehicles, varied.ego)
+            drivers = np.delete(varied.vehicles, ego_of(varied.vehicles))
             target = np.where(drivers["yielding"], 0, drivers["desired_speed"])
             np.testing.assert_array_equal(drivers["target_speed"], target)
             yielded |= set(drivers["identity"][drivers["yielding"]].tolist())
@@ -258,7 +267,7 @@ def calls(monkeypatch):
 def test_contacts_are_watched_in_the_sub_steps_of_decisions(calls):
     world = HighwayIntersection(Options())
     world.reset(0)
-    assert calls == [] and world.environment.road.contact == Contact.NONE
+    assert calls == [] and world.environment.road.contacts[0][0] == Contact.NONE
     world.step(1)
     assert len(calls) == 10
     assert [told for *_, told in calls] == [(0, -1)] * 2 + [(Contact.EGO_STRUCK, 3)] * 8
@@ -284,7 +293,7 @@ def test_contact_of_a_crash_is_known(varied):
     crashes = 0
     for seed in SEEDS:
         for _ in random_decisions(varied, seed):
-            assert varied.environment.road.contact != Contact.NONE or not crashed(varied)
+            assert varied.environment.road.contacts[0][0] != Contact.NONE or not crashed(varied)
         crashes += crashed(varied)
     assert crashes > 0
 

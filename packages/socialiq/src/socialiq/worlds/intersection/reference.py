@@ -303,7 +303,7 @@ class HighwayIntersection:
         return self.environment.road.records()
 
 
-def _controlled(vehicles: np.ndarray) -> np.ndarray:
+def controlled(vehicles: np.ndarray) -> np.ndarray:
     """Return the agents' slots, in the order of their numbers."""
     slots = np.flatnonzero(vehicles["agent"] >= 0)
     return slots[np.argsort(vehicles["agent"][slots])]
@@ -348,7 +348,7 @@ class Reference:
             observation[here] = observed.reshape(observation[here].shape)
             buffers.before[row, : len(real.before)] = real.before
             buffers.after[row, : len(real.after)] = real.after
-            buffers.present[row] = len(real.after), *_controlled(real.after)
+            buffers.present[row] = len(real.after), *controlled(real.after)
             self._write(row)
         annotated = np.where(decided, roads.ANNOTATE, roads.SKIP).astype(np.int8)
         unseeded, unused = np.zeros_like(decided), np.zeros(len(buffers.ending), np.int64)
@@ -371,7 +371,7 @@ class Reference:
             buffers.observation[here] = begun.reshape(buffers.observation[here].shape)
             buffers.episodes[row]["ended"] = int(Ending.NONE)
             self._write(row)
-            for number, slot in enumerate(_controlled(self.rows[row].vehicles)):
+            for number, slot in enumerate(controlled(self.rows[row].vehicles)):
                 start = route_coordinate(buffers.vehicles[row][slot], 0)
                 buffers.episodes[row]["start"][number] = start
 
@@ -380,7 +380,7 @@ class Reference:
         real, episode = self.rows[row], self._buffers.episodes[row]
         vehicles, environment = real.vehicles, real.environment
         self._buffers.vehicles[row, : len(vehicles)] = vehicles
-        slots, contacts = _controlled(vehicles), np.array(environment.road.contacts)
+        slots, contacts = controlled(vehicles), np.array(environment.road.contacts)
         episode["vehicles"], episode["time"] = len(vehicles), environment.time
         episode["controlled"][: len(slots)] = slots
         episode["contact"][: len(slots)], episode["touched"][: len(slots)] = contacts.T
