@@ -118,3 +118,5 @@ def test_the_command_writes_the_effects_of_a_world_file(world_file, tmp_path, ca
     assert "charged" not in rows[0] and "charges and credits" not in capsys.readouterr().out
     assert len(episodes) == 16
     assert main(["effects", str(tmp_path / "none.safetensors"), "--policy", "go"]) == 2
+    assert main(["effects", str(world_file), *drivers, "--horizon", "5"]) == 2
+    assert "horizon must be at least" in capsys.readouterr().err

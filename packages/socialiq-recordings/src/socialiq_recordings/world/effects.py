@@ -189,11 +189,7 @@ _run = _entry(fingerprint(__file__))
 
 
 def caused(batch: JunctionBatch, actor: Actor, seeds: np.ndarray) -> dict[str, np.ndarray]:
-    """Drive episodes, and return the columns of `Effects` that need no branches.
-
-    Raises:
-        UserError: If an episode may last longer than to the common end.
-    """
+    """Drive episodes, and return the columns of `Effects` that need no branches."""
     world, options, effects = batch.world, batch.options, batch.world.effects
     assert effects is not None
     rows, frames = np.arange(len(seeds)), options.frames

@@ -74,11 +74,13 @@ class JunctionBatch(RoadBatch):
     An action is the number of a level, or `AS_DRIVER`.
 
     Raises:
-        UserError: If `size` or `threads` is not positive.
+        UserError: If `size` or `threads` is not positive, or effects end within an episode.
     """
 
     def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
         options = world.options
+        if world.effects is not None:
+            world.effects.decisions(options)  # refuses a horizon within an episode
         buffers = Buffers.of(options, np.dtype(np.int8), 0, size)
         super().__init__(options, buffers, settings_of(options), threads)
         self.world, self.traffic = world, Traffic.of(world, size)
