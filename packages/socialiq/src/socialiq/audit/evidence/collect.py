@@ -252,10 +252,9 @@ def strata_of(course: drive.Course) -> dict[str, np.ndarray]:
             return {}
         spawns = (fate[:, 1 : 1 + _SOON] >= 1.0 - chance[-1]).sum(axis=1)
         return {"density": np.select([spawns == 0, spawns == 1], ["0", "1"], "2 or more")}
-    label = {"recorded-junction": junction_strata}.get(name)
-    label = intersection_strata if name in INTERSECTIONS else label
-    if label is None:
+    if name not in (*INTERSECTIONS, "recorded-junction"):
         return {}
+    label = intersection_strata if name in INTERSECTIONS else junction_strata
     blocks = []
     for first in range(0, len(seeds), batch.size):
         block = seeds[first : first + batch.size]

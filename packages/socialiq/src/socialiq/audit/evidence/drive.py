@@ -198,10 +198,8 @@ def exact_optima(course: Course) -> tuple[Outcomes, ...]:
 
 
 @functools.lru_cache(maxsize=8)
-def _plans(
-    world: GridWorld,
-) -> tuple[tuple[tuple[float, float], Int64[np.ndarray, "time state"], RewardPair], ...]:
-    """For each vertex: the angles that it is best for, actions and expected totals."""
+def _plans(world: GridWorld) -> list[tuple[tuple[float, float], np.ndarray, RewardPair]]:
+    """For each vertex: the angles that it is best for, actions (time, state), expected totals."""
     mdp, horizon, plans = world.table().reachable_part().mdp, world.horizon, []
     attainable = attainable_set(mdp, horizon)
     for vertex in range(len(attainable.vertices)):
@@ -210,7 +208,7 @@ def _plans(
         optimum = horizon_optimum(mdp, reward, horizon)
         exact = horizon_evaluation(mdp, optimum.probabilities(mdp.n_actions), horizon).totals
         plans.append(((low, high), optimum.actions, exact))
-    return tuple(plans)
+    return plans
 
 
 PREFIX = "trivial_"
