@@ -38,6 +38,7 @@ COMMANDS = {
     "ensemble": "socialiq.cli.export:Ensemble",
     "evaluate": "socialiq.cli.evaluate:Evaluate",
     "effects": "socialiq.cli.effects:EffectsOf",
+    "population": "socialiq.cli.population:Population",
     "stakeholders": "socialiq.cli.population:Stakeholders",
     "export": "socialiq.cli.export:Export",
     "conformance": "socialiq.cli.conformance:Conformance",

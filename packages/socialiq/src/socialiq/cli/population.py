@@ -1,21 +1,177 @@
-"""`stakeholders`: who wants which angle, by declared utilities of measured quantities."""
+"""`population`: fleets of one driver and mixed ones. `stakeholders`: who wants which angle."""
 
+import itertools
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
-from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.drivers import dial_of, refuse_misfit
+from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError
+from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import check_output_folder, whole_folder
+from socialiq.plotting import style
+from socialiq.population import fleet
 from socialiq.population import stakeholders as room
-from socialiq.results_folder import as_csv
+from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
+
+
+@dataclass(frozen=True)
+class Population(Printing):
+    """Drive fleets of dials through one junction: what if everybody had this angle?
+
+    Prints for each angle what becomes of a fleet of it; then for each pair of angles what few
+    invaders get more than the residents, and which angles no other invades. With 95 % intervals.
+
+    Example: socialiq population intersection --policy dial.safetensors --angle 0 45 90 --agents 8
+    """
+
+    world: Annotated[Literal["intersection"], tyro.conf.Positional] = "intersection"
+    _: KW_ONLY
+    policy: str
+    """File of a dial."""
+    angle: tuple[float, ...] = ()
+    """Angles of the fleets, in degrees; by default 0, 15, ..., 90."""
+    agents: int = 8
+    """Controlled vehicles, of 2 to 16."""
+    invaders: int = 1
+    """Of these, vehicles of another angle than the residents."""
+    spawn_probability: float = 0.6
+    """Chance in a second that a rule-bound vehicle enters; 0: the fleet alone."""
+    duration: float = 40.0
+    """Seconds after which an agent is stuck."""
+    episodes: int = 500
+    """Episodes of each fleet; the same ones for all."""
+    seed: int = 0
+    """Seed of the first episode, and of the places of invaders."""
+    out: Path | None = None
+    """Folder to make: fleets.csv, invasions.csv, episodes.csv, population.json, population.png."""
+
+    def run(self) -> int:
+        """Drive, print, write the folder."""
+        check_seed(self.seed)
+        for name, least in (("episodes", 2), ("invaders", 1)):
+            if getattr(self, name) < least:
+                raise UserError(f"--{name} {getattr(self, name)}: give {least} or more")
+        if self.invaders >= self.agents:
+            raise UserError(f"--invaders {self.invaders} leave no resident: add --agents")
+        if self.out:
+            check_output_folder(self.out)
+            drawing()
+        world = fleet.fleet_of(
+            Intersection(Options(spawn_probability=self.spawn_probability)),
+            self.agents, self.duration,
+        )  # fmt: skip
+        dial = dial_of(self.policy) if Path(self.policy).is_file() else None
+        if not isinstance(dial, DialPolicy):
+            raise UserError(f"{self.policy} is no file of a dial of discrete actions: name one")
+        refuse_misfit(self.policy, dial, world)
+        angles = self.angle or tuple(np.arange(dial.low, dial.high + 1e-9, 15.0).tolist())
+        fleets, invasions, episodes = self.driven(world, dial, angles)
+        result = {
+            "world": world.name, "policy": self.policy, "agents": self.agents,
+            "invaders": self.invaders, "spawn_probability": self.spawn_probability,
+            "duration": self.duration, "episodes": self.episodes, "seed": self.seed,
+            "fleets": fleets, "invasions": invasions,
+        }  # fmt: skip
+        if self.out:
+            with whole_folder(self.out) as folder:
+                for name, rows in (("fleets", fleets), ("invasions", invasions)):
+                    write_atomically(folder / f"{name}.csv", as_csv(rows))
+                write_atomically(folder / "episodes.csv", as_csv(episodes))
+                write_json(folder / "population.json", rounded(result | {"versions": versions()}))
+                picture = style.png({"": population_figure(fleets, invasions)})[""]
+                write_atomically(folder / "population.png", picture)
+        if self.json:
+            print_json(result)
+            return 0
+        print_table(
+            [{name: row[name] for name in ("angle", *fleet.MEASURES)} for row in fleets],
+            f"Fleets of {self.agents}, everybody at one angle; shares, and sums until the own end",
+        )
+        print_table(fitness_table(angles, invasions), _INVASION)
+        return 0
+
+    def driven(
+        self, world: Intersection, dial: DialPolicy, angles: tuple[float, ...]
+    ) -> tuple[list[Row], list[Row], list[Row]]:
+        """Return rows of uniform fleets, of invasions, and of the uniform fleets' episodes."""
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        policies = [dial.at(angle) for angle in angles]
+        fleets, episodes, uniform = list[Row](), list[Row](), []
+        for angle, policy in zip(angles, policies, strict=True):
+            everybody = np.zeros((self.episodes, self.agents), np.int64)
+            uniform.append(fleet.drive(world, [policy], everybody, seeds))
+            fleets.append({"angle": angle, **fleet.summary(uniform[-1], 0)})
+            say(f"{angle:g}: {fleets[-1]['arrival']:.0%} arrive")
+            columns = uniform[-1].means(0)
+            for number, seed in enumerate(seeds.tolist()):
+                row: Row = {"policy": self.policy, "angle": angle, "seed": seed}
+                episodes.append(row | {name: float(columns[name][number]) for name in columns})
+        invasions = list[Row]()
+        counts = self.agents - self.invaders, self.invaders
+        group = fleet.mixed(self.episodes, counts, self.seed)
+        for resident, invader in itertools.permutations(range(len(angles)), 2):
+            pair = [policies[resident], policies[invader]]
+            mixture = fleet.drive(world, pair, group, seeds)
+            row = {"resident": angles[resident], "invader": angles[invader]}
+            row |= fleet.fitness(mixture, uniform[resident])
+            invasions.append(row)
+        return fleets, invasions, episodes
+
+
+_INVASION = (
+    "What an invader (row) gets more than everybody in a fleet of residents (column), r_env; * "
+    "where the 95 % interval is above 0"
+)
+
+
+def fitness_table(angles: tuple[float, ...], invasions: list[Row]) -> list[Row]:
+    """Return a row for each invader, with a column for each resident."""
+    cells = {(row["invader"], row["resident"]): row for row in invasions}
+    rows = []
+    for invader in angles:
+        row: Row = {"invader": invader}
+        for resident in angles:
+            cell = cells.get((invader, resident))
+            gains = cell is not None and cell["gain_low"] > 0.0
+            row[f"{resident:g}"] = "" if cell is None else f"{cell['gain']:.2f}{'*' * gains}"
+        rows.append(row)
+    return rows
+
+
+def population_figure(fleets: list[Row], invasions: list[Row]) -> Any:
+    """Draw arrivals and collisions of uniform fleets, and what the best invader gains."""
+    figure = style.figure(9.0, 3.2)
+    panels = figure.subplots(1, 3)
+    angles = [row["angle"] for row in fleets]
+    for axes, name, label in (
+        (panels[0], "arrival", "vehicles that arrive, %"),
+        (panels[1], "collision", "vehicles that collide, %"),
+    ):
+        values, low, high = (
+            100 * np.array([row[f"{name}{end}"] for row in fleets]) for end in ("", "_low", "_high")
+        )
+        axes.errorbar(angles, values, [values - low, high - values], fmt="o-")
+        style.finish(axes, "", xlabel="angle of everybody, degrees", ylabel=label)
+    for number, angle in enumerate(angles):
+        rows = [row for row in invasions if row["invader"] == angle]
+        places, gains = [row["resident"] for row in rows], [row["gain"] for row in rows]
+        panels[2].plot(places, gains, "o-", color=f"C{number}", label=f"{angle:g}°")
+    panels[2].axhline(0.0, color="#6e6e6e", linewidth=0.8)
+    style.finish(panels[2], "", xlabel="angle of residents, degrees", ylabel="invader gains, r_env")
+    style.head(figure, "Fleets of dials at one junction", panels[2], 4)
+    return figure
 
 
 @dataclass(frozen=True)

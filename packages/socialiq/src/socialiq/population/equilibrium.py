@@ -21,15 +21,18 @@ class Strategies(NamedTuple):
     second: Float[np.ndarray, "game action"]
 
 
-class _Path(NamedTuple):
-    """Points of the games' paths: logarithms of both players' chances, then the precision 1/τ."""
+class _Games(NamedTuple):
+    """Payoffs of games.
+
+    A point of a game's branch has the logarithms of both players' chances, and the precision 1/τ.
+    """
 
     first: Float[np.ndarray, "game action action"]  # payoffs, by own and other's action
     second: Float[np.ndarray, "game action action"]  # of the second player, by own action first
     symmetric: Bool[np.ndarray, " game"]
 
-    def of(self, rows: np.ndarray) -> "_Path":
-        return _Path(self.first[rows], self.second[rows], self.symmetric[rows])
+    def of(self, rows: np.ndarray) -> "_Games":
+        return _Games(self.first[rows], self.second[rows], self.symmetric[rows])
 
 
 def logit_equilibrium(
@@ -57,17 +60,17 @@ def logit_equilibrium(
     games, actions, _ = first.shape
     transposed = second.transpose(0, 2, 1)
     symmetric = np.abs(first - transposed).max(axis=(1, 2)) < 1e-9
-    path = _Path(first, transposed, symmetric)
+    branches = _Games(first, transposed, symmetric)
     points = np.full((games, 2 * actions + 1), -np.log(actions))
     points[:, -1] = 0.0
     end = np.zeros_like(points)
     end[:, -1] = 1.0
-    tangents, signs = _tangents(path, points, end)
+    tangents, signs = _tangents(branches, points, end)
     steps, running = np.full(games, _FIRST_STEP), np.arange(games)
     for _ in range(_MAX_STEPS):
         if not len(running):
             break
-        part, before, step = path.of(running), points[running], steps[running]
+        part, before, step = branches.of(running), points[running], steps[running]
         tangent = tangents[running]
         after, first_change = _corrected(part, before + step[:, None] * tangent, tangent)
         residual, _ = _equations(part, after)
@@ -88,24 +91,25 @@ def logit_equilibrium(
             ended, _ = _corrected(part.of(arrives), between[arrives], end[: arrives.sum()])
             points[running[arrives]] = ended
         running = running[~arrives]
-    else:
+    residual, _ = _equations(branches, points)
+    if len(running) or np.abs(residual).max() > _RESIDUAL:
         raise UserError(f"no equilibrium was reached at temperature {temperature:g}: raise it")
     return Strategies(np.exp(points[:, :actions]), np.exp(points[:, actions:-1]))
 
 
 def _equations(
-    path: _Path, points: Float[np.ndarray, "game unknown"]
+    games: _Games, points: Float[np.ndarray, "game unknown"]
 ) -> tuple[Float[np.ndarray, "game equation"], Float[np.ndarray, "game equation unknown"]]:
     """Return the residuals of the equilibrium's equations, and their derivatives.
 
     For each player: the chances add up to 1, and the logarithms of two chances differ by the
     precision times the difference of the expected payoffs.
     """
-    actions = path.first.shape[1]
+    actions = games.first.shape[1]
     residual = np.zeros((len(points), 2 * actions))
     slope = np.zeros((len(points), 2 * actions, 2 * actions + 1))
     precision = points[:, -1]
-    for player, payoffs in enumerate((path.first, path.second)):
+    for player, payoffs in enumerate((games.first, games.second)):
         own = slice(player * actions, (player + 1) * actions)
         other = slice((1 - player) * actions, (2 - player) * actions)
         sums, rows = own.start, slice(own.start + 1, own.stop)
@@ -123,15 +127,15 @@ def _equations(
 
 
 def _corrected(
-    path: _Path,
+    games: _Games,
     points: Float[np.ndarray, "game unknown"],
     normals: Float[np.ndarray, "game unknown"],
 ) -> tuple[Float[np.ndarray, "game unknown"], Float[np.ndarray, " game"]]:
     """Return the points of the branches in the planes of the normals, and Newton's first change."""
-    half = path.first.shape[1]
+    half = games.first.shape[1]
     first_change = np.zeros(len(points))
     for number in range(_NEWTON_STEPS):
-        residual, slope = _equations(path, points)
+        residual, slope = _equations(games, points)
         system = _regular(np.concatenate([slope, normals[:, None]], axis=1))
         right = np.concatenate([-residual, np.zeros((len(points), 1))], axis=1)
         change = np.linalg.solve(system, right[..., None])[..., 0]
@@ -141,17 +145,17 @@ def _corrected(
         # No logarithm of a chance is above 0; far above, its exponential would overflow.
         points[:, :-1] = np.minimum(points[:, :-1], 1.0)
         swapped = np.concatenate([points[:, half:-1], points[:, :half], points[:, -1:]], axis=1)
-        points = np.where(path.symmetric[:, None], (points + swapped) / 2, points)
+        points = np.where(games.symmetric[:, None], (points + swapped) / 2, points)
     return points, first_change
 
 
 def _tangents(
-    path: _Path,
+    games: _Games,
     points: Float[np.ndarray, "game unknown"],
     before: Float[np.ndarray, "game unknown"],
 ) -> tuple[Float[np.ndarray, "game unknown"], Float[np.ndarray, " game"]]:
     """Return unit tangents that go on in the direction before, and the signs of their side."""
-    _, slope = _equations(path, points)
+    _, slope = _equations(games, points)
     system = _regular(np.concatenate([slope, before[:, None]], axis=1))
     right = np.zeros((*points.shape, 1))
     right[:, -1] = 1.0
@@ -164,5 +168,5 @@ def _tangents(
 def _regular(
     systems: Float[np.ndarray, "game unknown unknown"],
 ) -> Float[np.ndarray, "game unknown unknown"]:
-    """Return the systems without exact singularity, which is one point of a symmetric path."""
+    """Return the systems without exact singularity, at one point of a symmetric game's branch."""
     return systems + 1e-14 * np.eye(systems.shape[-1])

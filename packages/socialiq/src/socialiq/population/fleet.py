@@ -1,0 +1,141 @@
+"""Fleets: several controlled vehicles of one junction, each with a driver of its own (9.4).
+
+Rule-bound traffic enters beside them by the junction's `spawn_probability`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from socialiq.errors import UserError
+from socialiq.types import Ending, Policy, Row
+from socialiq.worlds.intersection.options import FleetOptions
+from socialiq.worlds.intersection.world import Batch, Intersection
+
+SIDE_BY_SIDE = 256  # episodes at once
+MEASURES = "r_env", "r_social", "arrival", "collision", "stuck", "seconds"
+
+
+class Fleet(NamedTuple):
+    """Episodes of a fleet: a row for each episode, a column for each agent."""
+
+    group: Int[np.ndarray, "episode agent"]  # number of the agent's driver
+    r_env: Float[np.ndarray, "episode agent"]  # sums until the agent's end
+    r_social: Float[np.ndarray, "episode agent"]
+    ending: Int[np.ndarray, "episode agent"]  # values of `Ending`
+    seconds: Float[np.ndarray, "episode agent"]  # until the agent's end
+
+    def means(self, group: int) -> dict[str, Float[np.ndarray, " episode"]]:
+        """Return `MEASURES` of a group by episode, of those that have one of it."""
+        present = self.group == group
+        rows = present.any(axis=1)
+        columns = {
+            "r_env": self.r_env,
+            "r_social": self.r_social,
+            "arrival": self.ending == Ending.ARRIVAL,
+            "collision": self.ending == Ending.COLLISION,
+            "stuck": self.ending == Ending.TIMEOUT,
+            "seconds": self.seconds,
+        }
+        count = present[rows].sum(axis=1)
+        return {
+            name: np.where(present, column, 0.0)[rows].sum(axis=1) / count
+            for name, column in columns.items()
+        }
+
+
+def fleet_of(world: Intersection, agents: int, duration: float) -> Intersection:
+    """Return a junction with so many controlled vehicles, for so many seconds.
+
+    Raises:
+        UserError: If the numbers don't fit, or actions are continuous.
+    """
+    options = world.options
+    if options.continuous:
+        raise UserError("fleets need discrete actions: name the intersection")
+    values = {name: getattr(options, name) for name in options.__dataclass_fields__}
+    values |= {"duration": duration}
+    return replace(world, options=FleetOptions(agents=agents, **values), effects=None)
+
+
+def mixed(episodes: int, counts: Sequence[int], seed: int) -> Int[np.ndarray, "episode agent"]:
+    """Return the number of each agent's group: so many of each, in random places by the seed."""
+    groups = np.repeat(np.arange(len(counts)), counts)
+    return np.random.default_rng(seed).permuted(np.tile(groups, (episodes, 1)), axis=1)
+
+
+def drive(
+    world: Intersection,
+    policies: Sequence[Policy],
+    group: Int[np.ndarray, "episode agent"],
+    seeds: Sequence[int] | np.ndarray,
+) -> Fleet:
+    """Drive one greedy episode for each seed.
+
+    Args:
+        world: Junction of `fleet_of`.
+        policies: Driver of each group, of the observations of one ego.
+        group: Number of each agent's group.
+        seeds: Of the episodes.
+    """
+    blocks = [
+        _drive(world.batch(len(group[rows])), policies, group[rows], np.asarray(seeds)[rows])
+        for rows in _blocks(len(seeds))
+    ]
+    return Fleet(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
+
+
+def _blocks(episodes: int) -> Iterator[slice]:
+    if episodes < 1:
+        raise UserError("episodes must be at least 1, got 0")
+    for first in range(0, episodes, SIDE_BY_SIDE):
+        yield slice(first, min(first + SIDE_BY_SIDE, episodes))
+
+
+def _drive(batch: Batch, policies: Sequence[Policy], group: np.ndarray, seeds: np.ndarray) -> Fleet:
+    """Return the episodes of a block, which begin together."""
+    batch.reset(seeds)
+    sums = np.zeros((2, *group.shape))
+    ending, seconds = np.zeros(group.shape, np.int64), np.zeros(group.shape)
+    driving = np.ones(group.shape, bool)
+    while driving.any():
+        actions = np.zeros(group.shape, np.int64)
+        for number, policy in enumerate(policies):
+            rows = driving & (group == number)
+            if rows.any():
+                answer, _ = policy.predict(batch.seen_by(policy)[rows], deterministic=True)
+                actions[rows] = answer
+        result = batch.step(actions, auto_reset=False, rows=driving.any(axis=1))
+        sums += np.where(driving, np.stack(result.rewards), 0.0)
+        seconds += driving / batch.options.policy_frequency
+        ending[driving] = result.ending[driving]
+        driving = driving & (result.ending == Ending.NONE)
+    return Fleet(group, *sums, ending, seconds)
+
+
+def summary(fleet: Fleet, group: int) -> Row:
+    """Return the means of `MEASURES` of a group with 95 % intervals over episodes."""
+    row: Row = {}
+    for name, values in fleet.means(group).items():
+        half = 1.96 * values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+        row |= {name: values.mean(), f"{name}_low": values.mean() - half}
+        row[f"{name}_high"] = values.mean() + half
+    return row
+
+
+def fitness(mixture: Fleet, uniform: Fleet) -> Row:
+    """Return what invaders (group 1) get more than everybody in a fleet of the residents, by r_env.
+
+    Both fleets drove the same episodes. `residents` is what the residents (group 0) lose by them.
+    """
+    alone = uniform.means(0)["r_env"]
+    row: Row = {}
+    for name, group in (("gain", 1), ("residents", 0)):
+        change = mixture.means(group)["r_env"] - alone
+        half = 1.96 * change.std(ddof=1) / np.sqrt(len(change))
+        row |= {name: change.mean(), f"{name}_low": change.mean() - half}
+        row[f"{name}_high"] = change.mean() + half
+    return row
