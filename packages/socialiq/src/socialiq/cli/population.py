@@ -48,8 +48,8 @@ class Population(Printing):
     """Of these, vehicles of another angle than the residents."""
     spawn_probability: float = 0.6
     """Chance in a second that a rule-bound vehicle enters; 0: the fleet alone."""
-    duration: float = 40.0
-    """Seconds after which an agent is stuck."""
+    duration: float = fleet.DURATION
+    """Seconds after which an agent is stuck; the clock of a dial counts to it."""
     episodes: int = 500
     """Episodes of each fleet; the same ones for all."""
     seed: int = 0
@@ -145,7 +145,9 @@ def fitness_table(angles: tuple[float, ...], invasions: list[Row]) -> list[Row]:
         for resident in angles:
             cell = cells.get((invader, resident))
             gains = cell is not None and cell["gain_low"] > 0.0
-            row[f"{resident:g}"] = "" if cell is None else f"{cell['gain']:.2f}{'*' * gains}"
+            row[f"{resident:g}"] = (
+                "" if cell is None else f"{cell['gain']:.2f}{'*' if gains else ''}"
+            )
         rows.append(row)
     return rows
 

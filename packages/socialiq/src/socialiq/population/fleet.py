@@ -16,6 +16,7 @@ from socialiq.worlds.intersection.options import FleetOptions
 from socialiq.worlds.intersection.world import Batch, Intersection
 
 SIDE_BY_SIDE = 256  # episodes at once
+DURATION = 30.0  # s; several vehicles need longer than one
 MEASURES = "r_env", "r_social", "arrival", "collision", "stuck", "seconds"
 
 
