@@ -1,15 +1,13 @@
-"""Fleets at the intersection: rules whose fate is known, groups, and experience of self-play."""
+"""Fleets at the intersection: rules whose fate is known, and groups."""
 
 import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.road_training import fleet_source
 from socialiq.population import fleet
-from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.types import Ending
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import make_fleet
 
 SEEDS = np.arange(7_100_000, 7_100_006)
 EVERYBODY = np.zeros((6, 4), np.int64)
@@ -17,7 +15,7 @@ EVERYBODY = np.zeros((6, 4), np.int64)
 
 @pytest.fixture(scope="module")
 def world():
-    return fleet.fleet_of(Intersection(), 4, 12.0)
+    return make_fleet("intersection", 4, duration=12.0)
 
 
 def test_who_waits_is_stuck(world):
@@ -75,33 +73,6 @@ def test_blocks_do_not_matter(world, monkeypatch):
         np.testing.assert_array_equal(column, other)
 
 
-def test_experience_of_a_fleet(world):
-    """Rows are of agents that drive; r_social and r_env of a decision add up over a fleet."""
-
-    def act(observation):
-        act.direction = RewardPair(np.arange(len(observation)), -np.arange(len(observation)))
-        return np.full(len(observation), 2)  # FASTER
-
-    rows = fleet_source(world, 3, 200, True)(act, np.random.default_rng(0))
-    assert rows.observation.shape == (200, world.n_features + 1)
-    assert np.abs(rows.observation[:, 0] - 1.0).max() == 0.0  # every agent is there
-    times = np.asarray(rows.observation[:, -1])
-    np.testing.assert_array_equal(rows.next_observation[:, -1], times + 1)
-    begun = times[:12] == 0  # 3 fleets of 4, the first and the last at angles in a row
-    assert begun.all()
-    turned = np.asarray(rows.direction.env[:12]).reshape(3, 4)
-    np.testing.assert_array_equal(np.diff(turned[[0, 2]], axis=1), 1)
-    np.testing.assert_array_equal(np.sort(turned.ravel()), np.arange(12))
-    env, others = (np.asarray(side[:12]).reshape(3, 4) for side in rows.target)
-    np.testing.assert_allclose(env + others, env.sum(axis=1, keepdims=True) * np.ones(4), rtol=1e-5)
-    ended = np.asarray(rows.ending) != Ending.NONE
-    assert ended.any()
-
-
 def test_mistakes_are_one_line(world):
-    with pytest.raises(UserError, match="discrete actions"):
-        fleet.fleet_of(Intersection(ContinuousOptions()), 4, 20.0)
-    with pytest.raises(UserError, match="agents must be at most"):
-        fleet.fleet_of(Intersection(Options()), 40, 20.0)
     with pytest.raises(UserError, match="at least 1"):
         fleet.drive(world, [policy("go")], EVERYBODY[:0], [])

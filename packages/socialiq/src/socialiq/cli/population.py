@@ -22,8 +22,8 @@ from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.registry import make_fleet
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Population(Printing):
         return 0
 
     def driven(
-        self, world: Intersection, dial: DialPolicy, angles: tuple[float, ...]
+        self, world: RoadWorld, dial: DialPolicy, angles: tuple[float, ...]
     ) -> tuple[list[Row], list[Row], list[Row]]:
         """Return rows of uniform fleets, of invasions, and of the uniform fleets' episodes."""
         seeds = np.arange(self.seed, self.seed + self.episodes)

@@ -76,6 +76,52 @@ def branched_returns(
     return RewardPair(shared[..., 0], shared[..., 1])
 
 
+def branched_fleet_returns(
+    batch: Batch,
+    follow: Act,
+    clock: bool,
+    angles: Float[np.ndarray, "batch agent"],
+    chosen: Int64[np.ndarray, " batch"],
+) -> RewardPair:
+    """Return for each action of one agent of a fleet its own sum of r_env, and that of the others.
+
+    Each is (batch, actions). All agents follow the policy at their angles after that. The sums run
+    until the whole fleet has ended, so they hold what the action does to others after the agent's
+    own end.
+
+    Args:
+        batch: Fleets, on the core; they are not changed.
+        follow: Policy of all agents.
+        clock: Whether it observes the time.
+        angles: Of each agent in degrees.
+        chosen: Number of the agent that takes each action.
+    """
+    size, count = batch.size, len(ACTIONS)
+    copies = batch.branch(np.repeat(np.arange(size), count))
+    turned, rows = np.repeat(angles, count, axis=0), np.arange(size * count)
+    action, agent = np.zeros(copies.shape, np.int64), np.repeat(chosen, count)
+    total, driving, is_first = np.zeros(copies.shape), copies.driving, True
+    while driving.any():
+        action[driving] = follow(observed_by_agents(copies, clock, turned)[driving.ravel()])
+        if is_first:
+            action[rows, agent], is_first = np.tile(np.arange(count), size), False
+        decisions = copies.step(action, auto_reset=False, rows=driving.any(axis=1))
+        total += np.where(driving, decisions.rewards.env, 0.0)
+        driving = copies.driving
+    own = total[rows, agent]
+    sides = own, total.sum(axis=1) - own
+    return RewardPair(*(side.reshape(size, count) for side in sides))
+
+
+def observed_by_agents(
+    batch: Batch, clock: bool, angles: Float[np.ndarray, "batch agent"]
+) -> Float32[np.ndarray, "row feature"]:
+    """Return the observations of all agents in rows, as `observed`."""
+    columns = [batch.observation.reshape(angles.size, -1)]
+    columns += [np.repeat(batch.time, angles.shape[1])] if clock else []
+    return np.column_stack([*columns, angles.ravel().astype(np.float32)])
+
+
 def observed(
     batch: RoadBatch, clock: bool, angles: Float[np.ndarray, " batch"] | None = None
 ) -> Float32[np.ndarray, "batch feature"]:

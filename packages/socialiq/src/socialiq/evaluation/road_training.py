@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.evaluation.branching import branched_returns, observed
+from socialiq.evaluation.branching import (
+    branched_fleet_returns,
+    branched_returns,
+    observed,
+    observed_by_agents,
+)
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.parts import available_cores
 from socialiq.learners import acting, collect, policy_iteration
@@ -21,7 +26,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Act, Policy, RewardPair
 from socialiq.worlds.gym import learning_env
 from socialiq.worlds.highway.world import SceneWorld
-from socialiq.worlds.intersection.options import FleetOptions, Options
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch, Intersection
 
 CHUNK = 200  # updates between two rounds of acting
@@ -145,11 +150,6 @@ def dial_collector(
     """
     count, steps = len(numbers), CHUNK * steps_per_update
     clock, threads = structure.redraw_times > 0, min(count, available_cores())
-    if isinstance(world.options, FleetOptions):
-        assert isinstance(world, Intersection)
-        fleets = [fleet_source(world, environments, steps, clock) for _ in numbers]
-        behaviour, seeds = acting.dials(structure, numbers), [run.seed for run in numbers]
-        return collect.Collector(fleets, seeds, behaviour, structure.driven_share > 0)
     env = learning_env(world, count * environments, clock, threads)
     if count > 1:
         together = acting.dials_together(structure, numbers)
@@ -158,50 +158,6 @@ def dial_collector(
     return collect.Collector(
         [collect.from_vector_env(env, steps)], seeds, behaviour, structure.driven_share > 0
     )
-
-
-def fleet_source(world: Intersection, episodes: int, steps: int, clock: bool) -> collect.Source:
-    """Return experience of fleets that a dial drives against itself, side by side.
-
-    In every other fleet all agents have nearly the same angle, in the others angles of the whole
-    range. r_social is what the other agents get in the decision, the sum of their r_env: their loss
-    by what an agent does is what it causes, and the rest doesn't depend on its action.
-    """
-    batch = world.batch(episodes)
-    size = episodes * world.options.agents
-
-    def source(act: Any, rng: np.random.Generator) -> collect.Batch:
-        batch.reset(rng.integers(2**63, size=episodes, dtype=np.uint64))
-        place = np.arange(size).reshape(episodes, -1)  # among the stratified angles
-        place[1::2] = rng.permutation(place[1::2].ravel()).reshape(place[1::2].shape)
-        place = place.ravel()
-        order, blocks, count = np.argsort(place), list[tuple[np.ndarray, ...]](), 0
-        while count < steps:
-            driving, time = np.flatnonzero(batch.driving), batch.time
-            observation = _with_time(batch.observation, time, clock)
-            action = act(observation[order])[place]
-            result = batch.step(action.reshape(batch.shape))
-            env = result.rewards.env
-            after = _with_time(result.observation, time + 1, clock)
-            others = env.sum(axis=1, keepdims=True) - env
-            by_agent = (column.ravel()[driving] for column in (result.ending, env, others))
-            rows = (column[driving] for column in (place, observation, action, after))
-            blocks.append((*rows, *by_agent))
-            count += len(driving)
-        turned, *columns = (np.concatenate(column)[:steps] for column in zip(*blocks, strict=True))
-        direction = RewardPair(*(np.asarray(side)[turned] for side in act.direction))
-        return collect.batch_of(columns)._replace(direction=direction)
-
-    return source
-
-
-def _with_time(observation: np.ndarray, time: np.ndarray, clock: bool) -> np.ndarray:
-    """Return the agents' observations in rows, with the time at the end if there is a clock."""
-    rows = observation.reshape(-1, observation.shape[-1])
-    if not clock:
-        return rows
-    times = np.repeat(time, observation.shape[1]).astype(np.float32)
-    return np.concatenate([rows, times[:, None]], axis=1)
 
 
 def observes_time(start: DialPolicy, options: Options) -> bool:
@@ -239,6 +195,41 @@ def dial_labeller(
             observation = observed(batch, clock, angles)
             labelled.append((observation, *branched_returns(batch, follow, clock, angles)))
             batch.step(visit(observation))
+        observations, env, social = (
+            np.concatenate(column)[:states] for column in zip(*labelled, strict=True)
+        )
+        return policy_iteration.Labelled(observations, RewardPair(env, social))
+
+    return label
+
+
+def fleet_labeller(
+    structure: policy_iteration.DialIterationConfig,
+    world: Intersection,
+    environments: int,
+    clock: bool,
+) -> policy_iteration.Labeller:
+    """Return the labeller of one run in fleets that its dial drives against itself.
+
+    In every other fleet all agents have nearly the same angle, in the others angles of the whole
+    range. Of each fleet one agent's state is labelled: r_social is what the others get, the sum of
+    their r_env. Between two actions of a state it differs by what the agent causes.
+    """
+    states = CHUNK * structure.states_per_update
+    batch = world.batch(min(environments, states))
+
+    def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
+        batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
+        angles = stratified_angles(structure, math.prod(batch.shape), rng).reshape(batch.shape)
+        angles[1::2] = rng.permutation(angles[1::2].ravel()).reshape(angles[1::2].shape)
+        labelled, fleets = [], np.arange(batch.size)
+        for _ in range(-(-states // batch.size)):
+            observation = observed_by_agents(batch, clock, angles)
+            chosen = (batch.driving * rng.random(batch.shape)).argmax(axis=1)
+            returns = branched_fleet_returns(batch, follow, clock, angles, chosen)
+            rows = fleets * batch.shape[1] + chosen
+            labelled.append((observation[rows], *returns))
+            batch.step(visit(observation).reshape(batch.shape))
         observations, env, social = (
             np.concatenate(column)[:states] for column in zip(*labelled, strict=True)
         )

@@ -76,8 +76,7 @@ class Collector(BaseCollector):
         for run, rng in enumerate(streams):
             act: Any = self._behaviour(network_of(runs.state.network, run), run, done, rng)
             batch = self._sources[run](act, rng)
-            if self._driven and batch.direction is None:
-                # A source lists the steps of all environments, step by step, or tells directions.
+            if self._driven:  # a source lists the steps of all environments, step by step
                 size = len(batch.action)
                 rounds = -(-size // len(act.direction.env))
                 columns = (jnp.asarray(np.tile(side, rounds)[:size]) for side in act.direction)
@@ -128,7 +127,7 @@ class VectorCollector(BaseCollector):
             values = values.reshape(len(rows), count, per_run, *values.shape[2:]).swapaxes(0, 1)
             return values.reshape(count, -1, *values.shape[3:])
 
-        batch = batch_of(by_run(column) for column in zip(*rows, strict=True))
+        batch = _batch(by_run(column) for column in zip(*rows, strict=True))
         if direction is None:
             return batch
         tiled = jax.tree.map(lambda side: jnp.tile(side, (1, len(rows))), direction)
@@ -165,7 +164,7 @@ def from_env(
             rows.append((np.ravel(observation), action, np.ravel(after), kind, *pair))
             observation = env.reset()[0] if kind else after
         stopped_at = observation if goes_on else None
-        return batch_of(np.array(column) for column in zip(*rows, strict=True))
+        return _batch(np.array(column) for column in zip(*rows, strict=True))
 
     return source
 
@@ -189,7 +188,7 @@ def from_vector_env(
     def source(act: Act, rng: np.random.Generator) -> Batch:
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
         rows = _stepped(env, observation, act, -(-steps // env.num_envs))
-        return batch_of(np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
+        return _batch(np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
 
     return source
 
@@ -218,7 +217,7 @@ def _check_actions(space: Any, continuous: bool) -> None:
         )
 
 
-def batch_of(columns: Iterable[np.ndarray]) -> Batch:
+def _batch(columns: Iterable[np.ndarray]) -> Batch:
     """Return columns of any leading shape as a batch; the rewards are the last two."""
     observation, action, after, ending, env, social = columns
     kind = np.float32 if action.ndim > ending.ndim else np.int32

@@ -1,19 +1,18 @@
-"""Fleets: several controlled vehicles of one junction, each with a driver of its own (9.4).
+"""What becomes of groups of drivers in a fleet, and what invaders gain among residents (9.4).
 
-Rule-bound traffic enters beside them by the junction's `spawn_probability`.
+Rule-bound traffic enters beside the fleet by the junction's `spawn_probability`.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from socialiq.errors import UserError
+from socialiq.evaluation import fleet
 from socialiq.types import Ending, Policy, Row
-from socialiq.worlds.intersection.options import FleetOptions
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.highway.world import RoadWorld
 
 SIDE_BY_SIDE = 256  # episodes at once
 DURATION = 30.0  # s; several vehicles need longer than one
@@ -48,20 +47,6 @@ class Fleet(NamedTuple):
         }
 
 
-def fleet_of(world: Intersection, agents: int, duration: float) -> Intersection:
-    """Return a junction with so many controlled vehicles, for so many seconds.
-
-    Raises:
-        UserError: If the numbers don't fit, or actions are continuous.
-    """
-    options = world.options
-    if options.continuous:
-        raise UserError("fleets need discrete actions: name the intersection")
-    values = {name: getattr(options, name) for name in options.__dataclass_fields__}
-    values |= {"duration": duration}
-    return replace(world, options=FleetOptions(agents=agents, **values), effects=None)
-
-
 def mixed(episodes: int, counts: Sequence[int], seed: int) -> Int[np.ndarray, "episode agent"]:
     """Return the number of each agent's group: so many of each, in random places by the seed."""
     groups = np.repeat(np.arange(len(counts)), counts)
@@ -69,52 +54,32 @@ def mixed(episodes: int, counts: Sequence[int], seed: int) -> Int[np.ndarray, "e
 
 
 def drive(
-    world: Intersection,
+    world: RoadWorld,
     policies: Sequence[Policy],
     group: Int[np.ndarray, "episode agent"],
     seeds: Sequence[int] | np.ndarray,
 ) -> Fleet:
-    """Drive one greedy episode for each seed.
+    """Drive one greedy episode for each seed, in blocks.
 
     Args:
-        world: Junction of `fleet_of`.
+        world: Of `worlds.registry.make_fleet`.
         policies: Driver of each group, of the observations of one ego.
         group: Number of each agent's group.
         seeds: Of the episodes.
+
+    Raises:
+        UserError: If there is no seed.
     """
-    blocks = [
-        _drive(world.batch(len(group[rows])), policies, group[rows], np.asarray(seeds)[rows])
-        for rows in _blocks(len(seeds))
-    ]
-    return Fleet(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
-
-
-def _blocks(episodes: int) -> Iterator[slice]:
-    if episodes < 1:
+    if not len(seeds):
         raise UserError("episodes must be at least 1, got 0")
-    for first in range(0, episodes, SIDE_BY_SIDE):
-        yield slice(first, min(first + SIDE_BY_SIDE, episodes))
-
-
-def _drive(batch: Batch, policies: Sequence[Policy], group: np.ndarray, seeds: np.ndarray) -> Fleet:
-    """Return the episodes of a block, which begin together."""
-    batch.reset(seeds)
-    sums = np.zeros((2, *group.shape))
-    ending, seconds = np.zeros(group.shape, np.int64), np.zeros(group.shape)
-    driving = np.ones(group.shape, bool)
-    while driving.any():
-        actions = np.zeros(group.shape, np.int64)
-        for number, policy in enumerate(policies):
-            rows = driving & (group == number)
-            if rows.any():
-                answer, _ = policy.predict(batch.seen_by(policy)[rows], deterministic=True)
-                actions[rows] = answer
-        result = batch.step(actions, auto_reset=False, rows=driving.any(axis=1))
-        sums += np.where(driving, np.stack(result.rewards), 0.0)
-        seconds += driving / batch.options.policy_frequency
-        ending[driving] = result.ending[driving]
-        driving = driving & (result.ending == Ending.NONE)
-    return Fleet(group, *sums, ending, seconds)
+    blocks = []
+    for first in range(0, len(seeds), SIDE_BY_SIDE):
+        rows = slice(first, first + SIDE_BY_SIDE)
+        drivers, chosen = group[rows], np.asarray(seeds)[rows]
+        driven = fleet.drive(world.batch(len(drivers)), policies, chosen, drivers)
+        seconds = driven.decisions / world.options.policy_frequency
+        blocks.append((drivers, *driven.rewards, driven.ending, seconds))
+    return Fleet(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
 
 
 def summary(fleet: Fleet, group: int) -> Row:

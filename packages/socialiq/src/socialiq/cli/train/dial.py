@@ -26,7 +26,6 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds, check_social
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import all_or_none, new_folder, whole_folder
-from socialiq.population.fleet import DURATION, fleet_of
 from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
@@ -70,9 +69,6 @@ class Dial(Printing):
     budget: float | None = None
     """With --angle: follow the demonstrations, but for a regret of at most this much at the angle,
     in units of reward; the strength that takes is found while training."""
-    agents: int = 1
-    """At the intersection, without demonstrations: vehicles of an episode, of 2 to 16, that the
-    dial drives against itself; r_social is then what the others get, the sum of their r_env."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     size: shared.Size = field(default_factory=shared.SizeOptions)
@@ -83,9 +79,6 @@ class Dial(Printing):
         check_seeds(self.seed)
         name, preset = self._preset()
         structure = preset.structure
-        if self.agents != 1 and (self.agents < 1 or self.world != "intersection"):
-            raise UserError(f"--agents {self.agents}: give 1, or 2 to 16 with --world intersection")
-        structure = replace(structure, demonstrations=structure.demonstrations and self.agents == 1)
         if self.angle is not None:
             narrow = {"low": self.angle, "high": self.angle, "margin": 0.0}
             structure = replace(structure, high_share=None, knots=0, **narrow)
@@ -108,8 +101,6 @@ class Dial(Printing):
         simulator, collector, chunk = None, None, shared.CHUNK
         if self.world in ROADS:
             world, chunk = road_named(self.world), road_training.CHUNK
-            if self.agents > 1:
-                world = fleet_of(world, self.agents, DURATION)
             clock = static.redraw_times > 0
             if clock:
                 # Data of `collect` lack the time, which is the number of the step.
@@ -136,10 +127,9 @@ class Dial(Printing):
                 static, runs, data, simulator, sizes, callbacks, budget=budget, **options
             )
         data_file = self.data and shared.described_file(self.data)
-        record = {"preset": name, "world": self.world, "data": data_file, "agents": self.agents}
+        record = {"preset": name, "world": self.world, "data": data_file}
         record |= {"budget": self.budget, "budget_path": []}
         grid = isinstance(world, grid_world.GridWorld)
-        world = road_named(self.world) if self.agents > 1 else world
         place = tabulate(world).reachable_part() if grid else world
         return finish_dials(folder, trained, record, place, budget)
 
