@@ -68,10 +68,8 @@ class Population(Printing):
         if self.out:
             check_output_folder(self.out)
             drawing()
-        world = fleet.fleet_of(
-            Intersection(Options(spawn_probability=self.spawn_probability)),
-            self.agents, self.duration,
-        )  # fmt: skip
+        names = ("agents", "spawn_probability", "duration")
+        world = make_fleet(**{name: getattr(self, name) for name in names})
         dial = dial_of(self.policy) if Path(self.policy).is_file() else None
         if not isinstance(dial, DialPolicy):
             raise UserError(f"{self.policy} is no file of a dial of discrete actions: name one")
