@@ -1,6 +1,6 @@
 """`population`: fleets of one driver and mixed ones. `stakeholders`: who wants which angle."""
 
-import itertools
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,7 +22,6 @@ from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import make_fleet
 
 
@@ -74,8 +73,16 @@ class Population(Printing):
         if not isinstance(dial, DialPolicy):
             raise UserError(f"{self.policy} is no file of a dial of discrete actions: name one")
         refuse_misfit(self.policy, dial, world)
-        angles = self.angle or tuple(np.arange(dial.low, dial.high + 1e-9, 15.0).tolist())
-        fleets, invasions, episodes = self.driven(world, dial, angles)
+        usual = np.arange(dial.low, dial.high + 1e-9, 15.0).tolist()
+        angles = tuple(dict.fromkeys(self.angle or usual))
+        if len(angles) < 2:
+            raise UserError("--angle: give two or more, for residents and invaders")
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        uniform = fleet.uniform_fleets(world, dial, angles, seeds)
+        fleets = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
+        say(f"{len(angles)} fleets, and {len(angles) * (len(angles) - 1)} with invaders")
+        invaders = fleet.invasions(world, dial, uniform, seeds, self.invaders, self.seed)
+        invasions = list(invaders)
         result = {
             "world": world.name, "policy": self.policy, "agents": self.agents,
             "invaders": self.invaders, "spawn_probability": self.spawn_probability,
@@ -86,7 +93,7 @@ class Population(Printing):
             with whole_folder(self.out) as folder:
                 for name, rows in (("fleets", fleets), ("invasions", invasions)):
                     write_atomically(folder / f"{name}.csv", as_csv(rows))
-                write_atomically(folder / "episodes.csv", as_csv(episodes))
+                write_atomically(folder / "episodes.csv", as_csv(self.by_episode(uniform)))
                 write_json(folder / "population.json", rounded(result | {"versions": versions()}))
                 picture = style.png({"": population_figure(fleets, invasions)})[""]
                 write_atomically(folder / "population.png", picture)
@@ -100,32 +107,15 @@ class Population(Printing):
         print_table(fitness_table(angles, invasions), _INVASION)
         return 0
 
-    def driven(
-        self, world: RoadWorld, dial: DialPolicy, angles: tuple[float, ...]
-    ) -> tuple[list[Row], list[Row], list[Row]]:
-        """Return rows of uniform fleets, of invasions, and of the uniform fleets' episodes."""
-        seeds = np.arange(self.seed, self.seed + self.episodes)
-        policies = [dial.at(angle) for angle in angles]
-        fleets, episodes, uniform = list[Row](), list[Row](), []
-        for angle, policy in zip(angles, policies, strict=True):
-            everybody = np.zeros((self.episodes, self.agents), np.int64)
-            uniform.append(fleet.drive(world, [policy], everybody, seeds))
-            fleets.append({"angle": angle, **fleet.summary(uniform[-1], 0)})
-            say(f"{angle:g}: {fleets[-1]['arrival']:.0%} arrive")
-            columns = uniform[-1].means(0)
-            for number, seed in enumerate(seeds.tolist()):
-                row: Row = {"policy": self.policy, "angle": angle, "seed": seed}
-                episodes.append(row | {name: float(columns[name][number]) for name in columns})
-        invasions = list[Row]()
-        counts = self.agents - self.invaders, self.invaders
-        group = fleet.mixed(self.episodes, counts, self.seed)
-        for resident, invader in itertools.permutations(range(len(angles)), 2):
-            pair = [policies[resident], policies[invader]]
-            mixture = fleet.drive(world, pair, group, seeds)
-            row = {"resident": angles[resident], "invader": angles[invader]}
-            row |= fleet.fitness(mixture, uniform[resident])
-            invasions.append(row)
-        return fleets, invasions, episodes
+    def by_episode(self, uniform: Mapping[float, fleet.Fleet]) -> list[Row]:
+        """Return a row for each episode of the uniform fleets, with means over their agents."""
+        rows = []
+        for angle, group in uniform.items():
+            columns = group.means(0)
+            for number in range(self.episodes):
+                row: Row = {"policy": self.policy, "angle": angle, "seed": self.seed + number}
+                rows.append(row | {name: float(columns[name][number]) for name in columns})
+        return rows
 
 
 _INVASION = (

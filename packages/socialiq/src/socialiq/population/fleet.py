@@ -3,14 +3,16 @@
 Rule-bound traffic enters beside the fleet by the junction's `spawn_probability`.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from socialiq.errors import UserError
-from socialiq.evaluation import fleet
+from socialiq.evaluation.fleet import drive as drive_together
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Ending, Policy, Row
 from socialiq.worlds.highway.world import RoadWorld
 
@@ -76,10 +78,36 @@ def drive(
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         rows = slice(first, first + SIDE_BY_SIDE)
         drivers, chosen = group[rows], np.asarray(seeds)[rows]
-        driven = fleet.drive(world.batch(len(drivers)), policies, chosen, drivers)
+        driven = drive_together(world.batch(len(drivers)), policies, chosen, drivers)
         seconds = driven.decisions / world.options.policy_frequency
         blocks.append((drivers, *driven.rewards, driven.ending, seconds))
     return Fleet(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
+
+
+def uniform_fleets(
+    world: RoadWorld, dial: DialPolicy, angles: Sequence[float], seeds: np.ndarray
+) -> dict[float, Fleet]:
+    """Return fleets in which everybody is the dial at one angle, in degrees, by that angle."""
+    everybody = np.zeros((len(seeds), world.options.agents), np.int64)
+    return {angle: drive(world, [dial.at(angle)], everybody, seeds) for angle in angles}
+
+
+def invasions(
+    world: RoadWorld,
+    dial: DialPolicy,
+    uniform: Mapping[float, Fleet],
+    seeds: np.ndarray,
+    invaders: int,
+    seed: int,
+) -> Iterator[Row]:
+    """Yield what so many invaders of each angle gain in a fleet of residents of each other angle.
+
+    Their places are drawn by the seed.
+    """
+    group = mixed(len(seeds), (world.options.agents - invaders, invaders), seed)
+    for resident, invader in itertools.permutations(uniform, 2):
+        mixture = drive(world, [dial.at(resident), dial.at(invader)], group, seeds)
+        yield {"resident": resident, "invader": invader, **fitness(mixture, uniform[resident])}
 
 
 def summary(fleet: Fleet, group: int) -> Row:
