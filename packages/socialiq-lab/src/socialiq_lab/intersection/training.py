@@ -28,6 +28,7 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
+from socialiq.population.fleet import DURATION
 from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
@@ -35,6 +36,7 @@ from socialiq.types import Row
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import make_fleet
 from socialiq_lab.comparison import nearest_mode, of_modes
 from socialiq_lab.intersection.driving import BEST, DIAL, LAST, mixture_of
 from socialiq_lab.jobs import ProgressCallback, callbacks_of
@@ -45,6 +47,7 @@ CURVE = "curve.csv"
 CHECKS, CHECK_ANGLES = Checks(times=8, episodes=200), (0.0, 45.0, 90.0)
 """Checks of a dial, and their angles in degrees."""
 ENVIRONMENTS = 256
+FLEETS = 64  # side by side
 """Intersections side by side in which policy iteration labels states."""
 
 
@@ -213,6 +216,8 @@ class DialIterationRun:
     checks: Checks = CHECKS
     effects: EffectOptions | None = None
     """Of a training by what the ego causes, in the place of Eq 4.2."""
+    agents: int = 1
+    """Vehicles of an episode that the dial drives, against itself (`road_training.fleet_labeller`)."""
 
 
 def train_dial_by_iteration(
@@ -232,8 +237,12 @@ def train_dial_by_iteration(
         dial = DialPolicy.of(network, 1.0, structure.low, structure.high, {})
         return _mean_value(config.checks, dial, CHECK_ANGLES)
 
-    world = Intersection(options, config.effects)
-    labeller = road.dial_labeller(structure, world, ENVIRONMENTS, clock)
+    if config.agents > 1:
+        fleet = make_fleet("intersection", config.agents, duration=DURATION)
+        labeller = road.fleet_labeller(structure, fleet, FLEETS, clock)
+    else:
+        world = Intersection(options, config.effects)
+        labeller = road.dial_labeller(structure, world, ENVIRONMENTS, clock)
     train = partial(
         policy_iteration.train,
         structure,

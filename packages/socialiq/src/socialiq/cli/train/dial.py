@@ -26,6 +26,7 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds, check_social
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import all_or_none, new_folder, whole_folder
+from socialiq.population.fleet import DURATION
 from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
@@ -217,6 +218,9 @@ class ImproveDial(Printing):
     """Training seeds."""
     updates: int | None = None
     """Gradient steps; by default 20,000."""
+    agents: int = 1
+    """Vehicles of an episode, of 2 to 16, that the dial drives against itself; r_social is then
+    what the other agents get, the sum of their r_env."""
     environments: int = 256
     """Episodes side by side in which states are labelled."""
     options: shared.Run = field(default_factory=shared.RunOptions)
@@ -227,6 +231,8 @@ class ImproveDial(Printing):
         one_of("world", self.world, IMPROVING)
         world = registry.make(self.world)
         assert isinstance(world, Intersection)
+        if self.agents < 1 or (self.agents > 1 and world.effects):
+            raise UserError(f"--agents {self.agents}: give 1, or 2 to 16 in the plain intersection")
         start = DialPolicy.load(self.dial)
         clock = road_training.observes_time(start, world.options)
         settings = {} if self.updates is None else {"updates": self.updates}
@@ -237,14 +243,16 @@ class ImproveDial(Printing):
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         if self.environments < 1:
             raise UserError(f"--environments {self.environments}: give 1 or more")
-        labellers = [
-            road_training.dial_labeller(static, world, self.environments, clock) for _ in runs
-        ]
+        labeller, place = road_training.dial_labeller, world
+        if self.agents > 1:
+            labeller = road_training.fleet_labeller
+            place = registry.make_fleet(agents=self.agents, duration=DURATION)
+        labellers = [labeller(static, place, self.environments, clock) for _ in runs]
         folder = shared.RunFolder(self.out, "dial", self.options, self.json)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             sizes, chunk = road_training.sizes_of(world.options, clock), road_training.CHUNK
             trained = iteration.train(static, runs, labellers, sizes, callbacks, chunk, start)
-        record = {"start": shared.described_file(self.dial)}
+        record = {"start": shared.described_file(self.dial), "agents": self.agents}
         return finish_dials(folder, trained, record, world)
 
 

@@ -1,0 +1,226 @@
+"""What if everybody did: fleets of dials, invaders, and the exact game of two drivers (9.4).
+
+Three dials: that of Eq 4.2 and that of caused effects, which never met their like in training, and
+the second one improved in fleets that it drives against itself.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.evaluation import road_training
+from socialiq.learners.settings import check_counts
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.population import fleet, norms
+from socialiq.population.crossing_game import CrossingGame, Payoffs
+from socialiq.results_folder import as_csv, from_csv
+from socialiq.storage import packaged_results, write_atomically
+from socialiq.types import Row
+from socialiq.worlds.registry import make_fleet
+from socialiq_lab.intersection.driving import DIAL
+from socialiq_lab.intersection.training import Checks, DialIterationRun, train_dial_by_iteration
+from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.study import Context, Findings
+
+SHIPPED = {
+    "Eq 4.2": "intersection-dial/dial.safetensors",
+    "effects": "caused-effects/dial.safetensors",
+}
+"""Committed dials, which were trained alone among rule-bound traffic."""
+SELF_PLAY = "self-play"
+START = "start"
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    Training seed 0 and episodes from 7,000,000 on were used in development.
+    """
+
+    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    agents: int = 8
+    invaders: int = 1
+    spawn_probabilities: tuple[float, ...] = (0.6, 0.2)
+    """Densities of the rule-bound traffic; invaders drive in the first."""
+    seeds: tuple[int, ...] = (501, 502, 503)
+    """Training seeds of self-play."""
+    updates: int = 6000
+    states_per_update: int = 16
+    episodes: int = 500  # of each block
+    blocks: tuple[int, ...] = (86_000_000, 87_000_000, 88_000_000, 89_000_000)
+    """First seeds of the blocks of evaluation episodes."""
+    temperatures: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5)
+    """Of the exact game."""
+    minima: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0)
+    """Mandated angles in the exact game."""
+    obeyed: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
+    """Shares of the drivers who obey."""
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes."""
+        check_counts(self, ("agents", "invaders", "updates", "states_per_update", "episodes"))
+
+    @property
+    def episode_seeds(self) -> tuple[int, ...]:
+        """Seed of each evaluation episode, of all blocks."""
+        return tuple(first + number for first in self.blocks for number in range(self.episodes))
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """Configuration of a dial of the committed results."""
+
+    file: str
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Configuration of the fleets of one dial in traffic of one density."""
+
+    angles: tuple[float, ...]
+    agents: int
+    invaders: int  # 0: only fleets of one angle
+    spawn_probability: float
+    seeds: tuple[int, ...]
+
+
+def copy_shipped(
+    config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Write a dial of the committed results."""
+    content = (packaged_results() / config.file).read_bytes()
+    (folder / DIAL).write_bytes(content)
+
+
+def meet(
+    config: Meeting, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Drive fleets of a dial at each angle, and invaders among them; write their rows."""
+    (trained,) = inputs.values()
+    dial = DialPolicy.load(trained / DIAL)
+    traffic = {"spawn_probability": config.spawn_probability, "duration": fleet.DURATION}
+    world, seeds = make_fleet(agents=config.agents, **traffic), np.array(config.seeds)
+    uniform = fleet.uniform_fleets(world, dial, config.angles, seeds)
+    rows = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
+    write_atomically(folder / "fleets.csv", as_csv(rows))
+    if config.invaders:
+        invasions = fleet.invasions(world, dial, uniform, seeds, config.invaders, 0)
+        write_atomically(folder / "invasions.csv", as_csv(list(invasions)))
+
+
+def jobs(config: Config) -> list[Job]:
+    """Return the jobs: train by self-play, and drive every dial in each density."""
+    listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
+    structure = replace(
+        road_training.ITERATION,
+        updates=config.updates,
+        batch_size=256,
+        first_rounds=2,
+        states_per_update=config.states_per_update,
+    )
+    numbers = replace(road_training.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
+    for seed in config.seeds:
+        run = DialIterationRun(
+            structure=structure,
+            numbers=replace(numbers, seed=seed),
+            checks=Checks(times=1, episodes=100),
+            agents=config.agents,
+        )
+        listed.append(
+            Job(f"training/{seed}", train_dial_by_iteration, run, ("dials/effects",), 900.0)
+        )
+    for name, source in _dials(config):
+        for number, spawn_probability in enumerate(config.spawn_probabilities):
+            invaders = 0 if number or name not in (*SHIPPED, _first(config)) else config.invaders
+            meeting = Meeting(
+                config.angles, config.agents, invaders, spawn_probability, config.episode_seeds
+            )
+            cost = 60.0 * (len(config.angles) if invaders else 1)
+            listed.append(Job(f"meetings/{name}/{number}", meet, meeting, (source,), cost))
+    return listed
+
+
+def _first(config: Config) -> str:
+    return f"{SELF_PLAY} {config.seeds[0]}"
+
+
+def _dials(config: Config) -> list[tuple[str, str]]:
+    """Return the name of each dial, and of the job that makes it."""
+    trained = [(f"{SELF_PLAY} {seed}", f"training/{seed}") for seed in config.seeds]
+    return [*((name, f"dials/{name}") for name in SHIPPED), *trained]
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Return fleets and invasions of every dial, the exact game, and where mandates end."""
+    fleets, invasions = list[Row](), list[Row]()
+    for name, _ in _dials(config):
+        for number, spawn_probability in enumerate(config.spawn_probabilities):
+            folder = context.work / "meetings" / name / str(number)
+            label = {"dial": name, "spawn_probability": spawn_probability}
+            fleets += [label | row for row in from_csv(folder / "fleets.csv")]
+            if (folder / "invasions.csv").is_file():
+                invasions += [label | row for row in from_csv(folder / "invasions.csv")]
+    game, mandates = list[Row](), list[Row]()
+    for temperature in config.temperatures:
+        payoffs = CrossingGame(temperature).payoffs(config.angles)
+        label = {"temperature": temperature}
+        game += [label | row for row in game_rows(config, payoffs)]
+        mandates += [label | row for row in mandate_rows(config, payoffs)]
+    summary = {
+        "fleets": {
+            f"{row['dial']}, spawn {row['spawn_probability']:g}, {row['angle']:g}": {
+                name: row[name] for name in ("arrival", "collision", "stuck")
+            }
+            for row in fleets
+        },
+        "stable": {
+            f"{temperature:g}": [row["angle"] for row in game
+                                 if row["temperature"] == temperature and row["stable"]]
+            for temperature in config.temperatures
+        },
+    }  # fmt: skip
+    tables = {"fleets": fleets, "invasions": invasions, "game": game, "mandates": mandates}
+    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
+    return Findings(tables, summary, {DIAL: shipped})
+
+
+def game_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
+    """Yield what everybody at an angle gets, and who invades it best."""
+    fitness, stable = norms.invasion_fitness(payoffs.r_env), norms.stable_angles(payoffs.r_env)
+    for number, angle in enumerate(config.angles):
+        others = [row for row in range(len(config.angles)) if row != number]
+        best = max(others, key=lambda row: fitness[row, number])
+        yield {
+            "angle": angle,
+            "own": float(payoffs.r_env[number, number]),
+            "collision": float(payoffs.collision[number, number]),
+            "steps": float(payoffs.steps[number, number]),
+            "best_invader": config.angles[best],
+            "gain": float(fitness[best, number]),
+            "stable": bool(stable[number]),
+        }
+
+
+def mandate_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
+    """Yield where each mandated minimum ends, by the share of the drivers who obey."""
+    for minimum in config.minima:
+        for obeyed in config.obeyed if minimum else (1.0,):
+            rest = norms.mandate(payoffs.r_env, config.angles, minimum, obeyed)
+            shares = rest.shares.sum(axis=0)
+            angles = (
+                f"{angle:g}: {share:.0%}"
+                for angle, share in zip(config.angles, shares, strict=True)
+                if share > 0.005
+            )
+            yield {
+                "minimum": minimum,
+                "obeyed": obeyed,
+                "mean": float(shares @ payoffs.r_env @ shares),
+                "obeyers": float(rest.payoffs[0]),
+                "others": float(rest.payoffs[1]) if obeyed < 1.0 else "",
+                "collision": float(shares @ payoffs.collision @ shares),
+                "angles": "; ".join(angles),
+            }
