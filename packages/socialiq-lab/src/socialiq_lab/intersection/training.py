@@ -217,7 +217,7 @@ class DialIterationRun:
     effects: EffectOptions | None = None
     """Of a training by what the ego causes, in the place of Eq 4.2."""
     agents: int = 1
-    """Vehicles of an episode that the dial drives, against itself (`road_training.fleet_labeller`)."""
+    """Vehicles of an episode that the dial drives against itself; see `road.fleet_labeller`."""
 
 
 def train_dial_by_iteration(
