@@ -45,11 +45,11 @@ class Config:
     invaders: int = 1
     spawn_probabilities: tuple[float, ...] = (0.6, 0.2)
     """Densities of the rule-bound traffic; invaders drive in the first."""
-    seeds: tuple[int, ...] = (501, 502, 503)
+    seeds: tuple[int, ...] = (501, 502)
     """Training seeds of self-play."""
-    updates: int = 6000
-    states_per_update: int = 16
-    episodes: int = 500  # of each block
+    updates: int = 10_000
+    states_per_update: int = 32
+    episodes: int = 150  # of each block
     blocks: tuple[int, ...] = (86_000_000, 87_000_000, 88_000_000, 89_000_000)
     """First seeds of the blocks of evaluation episodes."""
     temperatures: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5)
