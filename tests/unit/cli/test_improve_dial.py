@@ -31,7 +31,8 @@ def dial(path, pairs=True, n_features=71, view="set"):
     return path
 
 
-def test_a_dial_is_improved_into_a_folder(tmp_path, capsys):
+@pytest.mark.parametrize("agents", [1, 3])
+def test_a_dial_is_improved_into_a_folder(tmp_path, capsys, agents):
     begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
     arguments = [
         "train",
@@ -44,12 +45,13 @@ def test_a_dial_is_improved_into_a_folder(tmp_path, capsys):
         "--json",
         *SHORT,
     ]
-    assert main([*arguments, "--environments", "8"]) == 0
+    assert main([*arguments, "--environments", "8", "--agents", str(agents)]) == 0
     assert json.loads(capsys.readouterr().out)["dials"][0]["seed"] == 4
     better = DialPolicy.load(out / "dial_0.safetensors")
     assert better.pairs and (better.low, better.high, better.n_features) == (0.0, 90.0, 71)
     record = json.loads((out / "run.json").read_text())
     assert record["structure"]["hidden"] == [8] and record["structure"]["times"] == 20
+    assert record["agents"] == agents
     assert better.provenance["start"]["sha256"] == DialPolicy.load(begun).turned.sha256
 
 
@@ -68,7 +70,8 @@ def test_another_dial_is_refused_in_a_line(tmp_path, capsys, changes, said):
 
 def test_bad_numbers_are_refused_before_the_folder_is_made(tmp_path, capsys):
     begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
-    for options in (["--environments", "0"], ["--set", "high_share=2"], ["--updates", "0"]):
+    bad = ["--environments", "0"], ["--set", "high_share=2"], ["--updates", "0"], ["--agents", "0"]
+    for options in (*bad, ["--agents", "20"], ["--agents", "4", "--world", "intersection-caused"]):
         assert main(["train", "improve-dial", str(begun), "--out", str(out), *options]) == 2
         name = options[1].partition("=")[0] if options[0] == "--set" else options[0][2:]
         assert name in capsys.readouterr().err and not out.exists()

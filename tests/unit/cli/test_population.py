@@ -1,10 +1,14 @@
-"""`socialiq stakeholders` on a small file of episodes."""
+"""`socialiq population` of a dial of two rules, and `socialiq stakeholders` on few episodes."""
 
 import json
 
+import numpy as np
 import pytest
 
 from socialiq.cli.main import main
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.results_folder import from_csv
 
 PEOPLE = "[passenger]\nweight = 1.0\nr_env = 1.0\n[others]\nweight = 2.0\ndelay = -1.0\n"
 
@@ -60,3 +64,53 @@ def test_one_setting_is_refused(files, tmp_path, capsys):
     table.write_text("\n".join(table.read_text().splitlines()[:31]) + "\n")
     assert main(["stakeholders", *files]) == 2
     assert "has one setting" in capsys.readouterr().err
+
+
+@pytest.fixture
+def dial(tmp_path):
+    """A dial that accelerates at 0 degrees and slows down at 90, by its angle alone."""
+    weight = np.zeros((3, 70 + 2), np.float32)
+    weight[2, -2] = weight[0, -1] = 1.0  # (cos α, sin α)
+    path = tmp_path / "rules.safetensors"
+    DialPolicy(QPolicy((weight,), (np.zeros(3, np.float32),), "relu", 1.0), 0.0, 90.0).save(path)
+    return ["population", "--policy", str(path), "--angle", "0", "90", "--agents", "3"]
+
+
+def test_fleets_of_two_rules(dial, tmp_path, capsys):
+    words = [*dial, "--episodes", "4", "--duration", "12", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    assert "Fleets of 3, everybody at one angle" in out
+    assert "What an invader (row) gets more" in out
+    goes, waits = from_csv(tmp_path / "out" / "fleets.csv")
+    assert waits["arrival"] == 0.0
+    assert waits["stuck"] > goes["stuck"]
+    rows = from_csv(tmp_path / "out" / "invasions.csv")
+    assert [(row["resident"], row["invader"]) for row in rows] == [(0.0, 90.0), (90.0, 0.0)]
+    assert rows[0]["gain"] < 0.0
+    assert len(from_csv(tmp_path / "out" / "episodes.csv")) == 8
+    assert (tmp_path / "out" / "population.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "people.toml").write_text(PEOPLE.replace("delay = -1.0", "collision = -10.0"))
+    people = ["--utilities", str(tmp_path / "people.toml")]
+    assert main(["stakeholders", str(tmp_path / "out" / "episodes.csv"), *people]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--angle", "0"], "two or more"),
+        (["--angle", "0", "120"], "120"),
+        (["--invaders", "3"], "leave no resident"),
+        (["--episodes", "1"], "--episodes 1"),
+        (["--agents", "20"], "at most 16"),
+        (["--agents", "1", "--invaders", "1"], "leave no resident"),
+        (["--policy", "nobody"], "is no file of a dial"),
+        (["--spawn-probability", "2"], "spawn_probability"),
+        (["--out", "."], "is no new place"),
+    ],
+)
+def test_mistakes_of_fleets_are_one_line(dial, words, says, capsys):
+    assert main([*dial, "--episodes", "2", *words]) == 2
+    message = capsys.readouterr().err
+    assert says in message
+    assert len(message.splitlines()) == 1

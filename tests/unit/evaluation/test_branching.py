@@ -3,14 +3,20 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.branching import branched_returns, equivalent_actions
+from socialiq.evaluation.branching import (
+    branched_fleet_returns,
+    branched_returns,
+    equivalent_actions,
+)
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.road_training import CHUNK, dial_labeller
+from socialiq.evaluation.fleet import drive
+from socialiq.evaluation.road_training import CHUNK, dial_labeller, fleet_labeller
 from socialiq.learners.policy_iteration import DialIterationConfig
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.registry import make_fleet
 
 GO = policy("go")
 
@@ -95,3 +101,45 @@ def test_with_a_clock_observations_have_the_time_before_the_angle():
     by_episode = labelled.observation[:, -1].reshape(4, 50)
     np.testing.assert_array_equal(by_episode, np.tile(by_episode[0], (4, 1)))
     assert all(driven <= set(by_episode[0].tolist()) for driven in angles)
+
+
+def accelerate(observation):
+    return np.full(len(observation), FASTER)
+
+
+@pytest.fixture(scope="module")
+def fleets():
+    """A batch of three fleets of four, and angles that no policy of these tests reads."""
+    batch = make_fleet(agents=4, duration=12.0).batch(3)
+    batch.reset([7, 8, 9])
+    return batch, np.zeros((3, 4))
+
+
+def test_an_action_that_the_policy_would_take_changes_nothing(fleets):
+    """Own and others' sums are then those of the fleet that goes on by the policy."""
+    batch, angles = fleets
+    before = batch.save()
+    chosen = np.array([0, 1, 3])
+    returns = branched_fleet_returns(batch, accelerate, True, angles, chosen)
+    for column, saved in zip(batch.save().arrays(), before.arrays(), strict=True):
+        np.testing.assert_array_equal(column, saved)
+    going = drive(make_fleet(agents=4, duration=12.0).batch(3), [policy("go")], [7, 8, 9])
+    rows = np.arange(3)
+    np.testing.assert_allclose(returns.env[:, FASTER], going.rewards.env[rows, chosen])
+    everybody = (returns.env + returns.social)[:, FASTER]
+    np.testing.assert_allclose(everybody, going.rewards.env.sum(axis=1))
+    assert (returns.env[:, 0] != returns.env[:, FASTER]).any()
+    assert (returns.social[:, 0] != returns.social[:, FASTER]).any()
+
+
+def test_states_of_fleets_are_labelled_at_their_angles():
+    structure = DialIterationConfig(states_per_update=1)
+    label = fleet_labeller(structure, make_fleet(agents=4, duration=12.0), 8, True)
+    labelled = label(accelerate, accelerate, np.random.default_rng(0))
+    assert len(labelled.observation) == CHUNK
+    angles = labelled.observation[:8, -1]
+    assert (angles >= structure.low - structure.margin).all()
+    assert (np.diff(angles[::2]) > 0).all()  # fleets of one angle, in the order of their angles
+    assert (labelled.observation[:8, -2] == 0).all()  # the time
+    assert (labelled.observation[8:16, -2] == 1).all()
+    assert labelled.returns.env.shape == labelled.returns.social.shape == (CHUNK, 3)
