@@ -1,4 +1,4 @@
-"""What if everybody did: fleets of dials, invaders, and the exact game of two drivers (9.4).
+"""Fleets of dials, invaders among them, and the exact game of two drivers (9.4).
 
 Three dials: that of Eq 4.2 and that of caused effects, which never met their like in training, and
 the second one improved in fleets that it drives against itself.

@@ -123,7 +123,7 @@ def test_other_code_gives_the_same_payoffs():
 
 
 def test_no_angle_is_stable_alone(payoffs):
-    """Who differs from all others has the way or gives it, and equals must draw lots."""
+    """Drivers that differ from all others have the way or give it, and equals draw lots."""
     assert not norms.stable_angles(payoffs.r_env).any()
     fitness = norms.invasion_fitness(payoffs.r_env)
     assert fitness[1, 0] > 0.02

@@ -29,7 +29,7 @@ class Payoffs(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """What follows from both cells and both actions, (cell, cell, action, action)."""
+    """Results of both actions in both cells, (cell, cell, action, action)."""
 
     after: tuple[Int[np.ndarray, "x y a b"], Int[np.ndarray, "x y a b"]]
     r_env: tuple[Float[np.ndarray, "x y a b"], Float[np.ndarray, "x y a b"]]

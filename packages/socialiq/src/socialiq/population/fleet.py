@@ -1,4 +1,4 @@
-"""What becomes of groups of drivers in a fleet, and what invaders gain among residents (9.4).
+"""Groups of drivers in a fleet: their fate, and what invaders gain among residents (9.4).
 
 Rule-bound traffic enters beside the fleet by the junction's `spawn_probability`.
 """

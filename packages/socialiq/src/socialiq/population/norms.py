@@ -50,7 +50,7 @@ def rest_point(
     is_open: Bool[np.ndarray, "group angle"],
     sizes: Sequence[float],
 ) -> RestPoint:
-    """Return where imitation of whoever does better ends, from equal shares of the open angles.
+    """Return where imitation of better drivers ends, from equal shares of the open angles.
 
     Each group imitates within itself (replicator dynamics), and meets everybody.
 

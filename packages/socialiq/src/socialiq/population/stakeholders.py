@@ -1,4 +1,4 @@
-"""Who wants which angle: utilities of stakeholders, dominated settings, bargains (thesis 9.3).
+"""Stakeholders who want different angles: utilities, dominated settings, bargains (thesis 9.3).
 
 A setting is a driver, or a dial at an angle. A utility adds measured quantities of an episode,
 each times a declared factor. All settings drove the same episodes, which are resampled together.
