@@ -14,9 +14,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.mdp.front import AttainableSet, attainable_set
-from socialiq.mdp.horizon import horizon_evaluation
+from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import angle_of, score, weights
+from socialiq.social.angle import angle_of, exact_weights, score, weights
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.grid_world import GridWorld
@@ -106,6 +106,23 @@ class Optimum:
 def optimum_of(world: GridWorld) -> Optimum:
     """Return the optimum of a gridworld, computed once."""
     return Optimum(tabulate(world).reachable_part())
+
+
+@lru_cache(maxsize=8)
+def optima_of(world: GridWorld) -> list[tuple[tuple[float, float], np.ndarray, RewardPair]]:
+    """Return at each vertex of what a gridworld's policies attain the optimum there.
+
+    That is the angles that it is best for, its actions (time, state), and its expected totals.
+    """
+    mdp, horizon, optima = tabulate(world).reachable_part().mdp, world.horizon, []
+    attainable = optimum_of(world).attainable
+    for vertex in range(len(attainable.vertices)):
+        low, high = attainable.supporting_interval(vertex)
+        reward = np.asarray(score(exact_weights((low + high) / 2), mdp.rewards))
+        best = horizon_optimum(mdp, reward, horizon)
+        totals = horizon_evaluation(mdp, best.probabilities(mdp.n_actions), horizon).totals
+        optima.append(((low, high), best.actions, totals))
+    return optima
 
 
 class Ground(NamedTuple):

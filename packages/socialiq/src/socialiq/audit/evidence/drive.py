@@ -15,14 +15,12 @@ from socialiq.audit.evidence.outcomes import AS_DECLARED, LOSS, Outcomes, Refere
 from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.evaluation import effects, simulate
 from socialiq.evaluation.context import DecisionLosses, by_turning, losses_of, state_angles
-from socialiq.mdp.front import attainable_set
-from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
+from socialiq.evaluation.exact import optima_of
+from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
-from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import Actor, ConstantPolicy, Simulator, World
 
@@ -191,24 +189,10 @@ def exact_optima(course: Course) -> tuple[Outcomes, ...]:
     They depend on the time; `Outcomes.expected` has the exact expectation.
     """
     optima = []
-    for vertex, (angles, actions, exact) in enumerate(_plans(course.batch.table.world)):
+    for vertex, (angles, actions, exact) in enumerate(optima_of(course.batch.table.world)):
         actor = simulate.ScriptedActor(lambda time, at, _, plan=actions: plan[time, at])
         optima.append(course.outcomes(f"optimum_{vertex:02d}", actor, angles, exact))
     return tuple(optima)
-
-
-@functools.lru_cache(maxsize=8)
-def _plans(world: GridWorld) -> list[tuple[tuple[float, float], np.ndarray, RewardPair]]:
-    """For each vertex: the angles that it is best for, actions (time, state), expected totals."""
-    mdp, horizon, plans = world.table().reachable_part().mdp, world.horizon, []
-    attainable = attainable_set(mdp, horizon)
-    for vertex in range(len(attainable.vertices)):
-        low, high = attainable.supporting_interval(vertex)
-        reward = np.asarray(score(exact_weights((low + high) / 2), mdp.rewards))
-        optimum = horizon_optimum(mdp, reward, horizon)
-        exact = horizon_evaluation(mdp, optimum.probabilities(mdp.n_actions), horizon).totals
-        plans.append(((low, high), optimum.actions, exact))
-    return plans
 
 
 PREFIX = "trivial_"
