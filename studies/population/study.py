@@ -7,6 +7,7 @@ the second one improved in fleets that it drives against itself.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -101,8 +102,9 @@ def meet(
     """Drive fleets of a dial at each angle, and invaders among them; write their rows."""
     (trained,) = inputs.values()
     dial = DialPolicy.load(trained / DIAL)
-    traffic = {"spawn_probability": config.spawn_probability, "duration": fleet.DURATION}
-    world, seeds = make_fleet(agents=config.agents, **traffic), np.array(config.seeds)
+    traffic: dict[str, Any] = {"spawn_probability": config.spawn_probability}
+    traffic |= {"agents": config.agents, "duration": fleet.DURATION}
+    world, seeds = make_fleet(**traffic), np.array(config.seeds)
     uniform = fleet.uniform_fleets(world, dial, config.angles, seeds)
     rows = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
     write_atomically(folder / "fleets.csv", as_csv(rows))

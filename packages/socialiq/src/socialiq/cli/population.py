@@ -22,6 +22,7 @@ from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_fleet
 
 
@@ -72,6 +73,7 @@ class Population(Printing):
         dial = dial_of(self.policy) if Path(self.policy).is_file() else None
         if not isinstance(dial, DialPolicy):
             raise UserError(f"{self.policy} is no file of a dial of discrete actions: name one")
+        assert isinstance(world, Intersection)
         refuse_misfit(self.policy, dial, world)
         usual = np.arange(dial.low, dial.high + 1e-9, 15.0).tolist()
         angles = tuple(dict.fromkeys(self.angle or usual))

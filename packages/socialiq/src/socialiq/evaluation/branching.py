@@ -77,7 +77,7 @@ def branched_returns(
 
 
 def branched_fleet_returns(
-    batch: Batch,
+    batch: RoadBatch,
     follow: Act,
     clock: bool,
     angles: Float[np.ndarray, "batch agent"],
@@ -96,7 +96,7 @@ def branched_fleet_returns(
         angles: Of each agent in degrees.
         chosen: Number of the agent that takes each action.
     """
-    size, count = batch.size, len(ACTIONS)
+    size, count = batch.size, batch.n_actions
     copies = batch.branch(np.repeat(np.arange(size), count))
     turned, rows = np.repeat(angles, count, axis=0), np.arange(size * count)
     action, agent = np.zeros(copies.shape, np.int64), np.repeat(chosen, count)
@@ -114,7 +114,7 @@ def branched_fleet_returns(
 
 
 def observed_by_agents(
-    batch: Batch, clock: bool, angles: Float[np.ndarray, "batch agent"]
+    batch: RoadBatch, clock: bool, angles: Float[np.ndarray, "batch agent"]
 ) -> Float32[np.ndarray, "row feature"]:
     """Return the observations of all agents in rows, as `observed`."""
     columns = [batch.observation.reshape(angles.size, -1)]

@@ -25,7 +25,7 @@ from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Act, Policy, RewardPair
 from socialiq.worlds.gym import learning_env
-from socialiq.worlds.highway.world import SceneWorld
+from socialiq.worlds.highway.world import RoadWorld, SceneWorld
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Batch, Intersection
 
@@ -205,7 +205,7 @@ def dial_labeller(
 
 def fleet_labeller(
     structure: policy_iteration.DialIterationConfig,
-    world: Intersection,
+    world: RoadWorld,
     environments: int,
     clock: bool,
 ) -> policy_iteration.Labeller:

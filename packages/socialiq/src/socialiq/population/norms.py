@@ -42,7 +42,7 @@ def stable_angles(
     loses = invasion_fitness(payoffs) < -tolerance
     ties = np.abs(invasion_fitness(payoffs)) <= tolerance
     holds = loses | (ties & (own[:, None] + tolerance < payoffs.T))
-    return (holds | np.eye(len(own), dtype=bool)).all(axis=0)
+    return np.all(holds | np.eye(len(own), dtype=bool), axis=0)
 
 
 def rest_point(

@@ -218,4 +218,5 @@ def _is_dominated(
 ) -> np.ndarray:
     """Return whether another setting is at least as good for all, and better for one."""
     rows, columns = means[:, :, None], means[:, None]
-    return ((columns >= rows).all(axis=3) & (columns > rows).any(axis=3)).any(axis=2)
+    dominates = np.all(columns >= rows, axis=3) & np.any(columns > rows, axis=3)
+    return np.any(dominates, axis=2)

@@ -243,11 +243,11 @@ class ImproveDial(Printing):
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         if self.environments < 1:
             raise UserError(f"--environments {self.environments}: give 1 or more")
-        labeller, place = road_training.dial_labeller, world
+        labeller = road_training.dial_labeller(static, world, self.environments, clock)
         if self.agents > 1:
-            labeller = road_training.fleet_labeller
-            place = registry.make_fleet(agents=self.agents, duration=DURATION)
-        labellers = [labeller(static, place, self.environments, clock) for _ in runs]
+            fleet = registry.make_fleet(agents=self.agents, duration=DURATION)
+            labeller = road_training.fleet_labeller(static, fleet, self.environments, clock)
+        labellers = [labeller] * len(runs)
         folder = shared.RunFolder(self.out, "dial", self.options, self.json)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             sizes, chunk = road_training.sizes_of(world.options, clock), road_training.CHUNK
