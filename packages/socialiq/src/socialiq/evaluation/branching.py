@@ -108,8 +108,8 @@ def branched_fleet_returns(
         decisions = copies.step(action, auto_reset=False, rows=driving.any(axis=1))
         total += np.where(driving, decisions.rewards.env, 0.0)
         driving = copies.driving
-    own = total[rows, agent]
-    sides = own, total.sum(axis=1) - own
+    agents_sum = total[rows, agent]
+    sides = agents_sum, total.sum(axis=1) - agents_sum
     return RewardPair(*(side.reshape(size, count) for side in sides))
 
 

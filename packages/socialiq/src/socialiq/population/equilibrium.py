@@ -57,29 +57,29 @@ def logit_equilibrium(
     """
     if not temperature > 0.0:
         raise UserError(f"temperature {temperature:g} is not positive")
-    games, actions, _ = first.shape
+    count, actions, _ = first.shape
     transposed = second.transpose(0, 2, 1)
     symmetric = np.abs(first - transposed).max(axis=(1, 2)) < 1e-9
     branches = _Games(first, transposed, symmetric)
-    points = np.full((games, 2 * actions + 1), -np.log(actions))
+    points = np.full((count, 2 * actions + 1), -np.log(actions))
     points[:, -1] = 0.0
     end = np.zeros_like(points)
     end[:, -1] = 1.0
     tangents, signs = _tangents(branches, points, end)
-    steps, running = np.full(games, _FIRST_STEP), np.arange(games)
+    steps, running = np.full(count, _FIRST_STEP), np.arange(count)
     for _ in range(_MAX_STEPS):
         if not len(running):
             break
-        part, before, step = branches.of(running), points[running], steps[running]
+        games, before, step = branches.of(running), points[running], steps[running]
         tangent = tangents[running]
-        after, first_change = _corrected(part, before + step[:, None] * tangent, tangent)
-        residual, _ = _equations(part, after)
-        turned, sign = _tangents(part, after, tangent)
+        after, first_change = _corrected(games, before + step[:, None] * tangent, tangent)
+        residual, _ = _equations(games, after)
+        turned, sign = _tangents(games, after, tangent)
         is_good = (turned * tangent).sum(axis=1) > _BEND
         is_good &= np.abs(residual).max(axis=1) < _RESIDUAL
         is_good &= first_change < 0.3 * step
         # On a branch the sign changes at a bifurcation only, which a symmetric game may have.
-        is_good &= part.symmetric | (sign == signs[running])
+        is_good &= games.symmetric | (sign == signs[running])
         arrives = is_good & (after[:, -1] >= 1.0 / temperature)
         ahead = is_good & ~arrives
         points[running[ahead]], tangents[running[ahead]] = after[ahead], turned[ahead]
@@ -88,7 +88,7 @@ def logit_equilibrium(
         if arrives.any():
             share = (1.0 / temperature - before[:, -1]) / (after[:, -1] - before[:, -1])
             between = before + share[:, None] * (after - before)
-            ended, _ = _corrected(part.of(arrives), between[arrives], end[: arrives.sum()])
+            ended, _ = _corrected(games.of(arrives), between[arrives], end[: arrives.sum()])
             points[running[arrives]] = ended
         running = running[~arrives]
     residual, _ = _equations(branches, points)
@@ -110,18 +110,20 @@ def _equations(
     slope = np.zeros((len(points), 2 * actions, 2 * actions + 1))
     precision = points[:, -1]
     for player, payoffs in enumerate((games.first, games.second)):
-        own = slice(player * actions, (player + 1) * actions)
-        other = slice((1 - player) * actions, (2 - player) * actions)
-        sums, rows = own.start, slice(own.start + 1, own.stop)
-        chances, others = np.exp(points[:, own]), np.exp(points[:, other])
+        columns = slice(player * actions, (player + 1) * actions)
+        opponent = slice((1 - player) * actions, (2 - player) * actions)
+        sums, rows = columns.start, slice(columns.start + 1, columns.stop)
+        chances, answers = np.exp(points[:, columns]), np.exp(points[:, opponent])
         gains = payoffs[:, 1:] - payoffs[:, :1]
-        expected = np.einsum("gab,gb->ga", gains, others)
+        expected = np.einsum("gab,gb->ga", gains, answers)
         residual[:, sums] = chances.sum(axis=1) - 1.0
-        residual[:, rows] = points[:, rows] - points[:, own][:, :1] - precision[:, None] * expected
-        slope[:, sums, own] = chances
-        slope[:, rows, own.start] = -1.0
+        residual[:, rows] = (
+            points[:, rows] - points[:, columns][:, :1] - precision[:, None] * expected
+        )
+        slope[:, sums, columns] = chances
+        slope[:, rows, columns.start] = -1.0
         slope[:, rows, rows] += np.eye(actions - 1)
-        slope[:, rows, other] = -precision[:, None, None] * gains * others[:, None]
+        slope[:, rows, opponent] = -precision[:, None, None] * gains * answers[:, None]
         slope[:, rows, -1] = -expected
     return residual, slope
 

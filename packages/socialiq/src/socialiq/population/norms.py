@@ -38,11 +38,11 @@ def stable_angles(
     No few drivers of another angle get more among the residents, and who gets as much gets less
     than a resident where the invaders meet each other.
     """
-    own = np.diagonal(payoffs)
+    uniform = np.diagonal(payoffs)
     loses = invasion_fitness(payoffs) < -tolerance
     ties = np.abs(invasion_fitness(payoffs)) <= tolerance
-    holds = loses | (ties & (own[:, None] + tolerance < payoffs.T))
-    return np.all(holds | np.eye(len(own), dtype=bool), axis=0)
+    holds = loses | (ties & (uniform[:, None] + tolerance < payoffs.T))
+    return np.all(holds | np.eye(len(uniform), dtype=bool), axis=0)
 
 
 def rest_point(
