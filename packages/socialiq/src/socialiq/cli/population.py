@@ -159,7 +159,7 @@ def population_figure(fleets: list[Row], invasions: list[Row]) -> Any:
     for number, angle in enumerate(angles):
         rows = [row for row in invasions if row["invader"] == angle]
         places, gains = [row["resident"] for row in rows], [row["gain"] for row in rows]
-        panels[2].plot(places, gains, "o-", color=f"C{number}", label=f"{angle:g}°")
+        panels[2].plot(places, gains, "o-", color=f"C{number}", label=f"invader of {angle:g}°")
     panels[2].axhline(0.0, color="#6e6e6e", linewidth=0.8)
     style.finish(panels[2], "", xlabel="angle of residents, degrees", ylabel="invader gains, r_env")
     style.head(figure, "Fleets of dials at one junction", panels[2], 4)
