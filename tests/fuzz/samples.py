@@ -132,6 +132,7 @@ def make_samples(folder: Path) -> None:
     _recordings(folder)
     _trajectories(folder / "rollouts.npz")
     (folder / "sweep.toml").write_text(SWEEP)
+    make_stakeholders(folder)
     (folder / "columns.toml").write_text(COLUMNS)
     greeting = {"protocol": "socialiq-policy", "version": 1, "name": "x"}
     greeting |= {"features": grid.n_features, "actions": grid.n_actions}
@@ -139,6 +140,15 @@ def make_samples(folder: Path) -> None:
     (folder / "answers.jsonl").write_text("\n".join(lines) + "\n")
     (folder / "evaluation.json").write_text('{"r_env": 1.0, "r_social": 0.5, "angle": 20.0}\n')
     shutil.copytree(packaged_results() / "poc", folder / "results")
+
+
+def make_stakeholders(folder: Path) -> None:
+    """Write two settings of two episodes, and two stakeholders."""
+    rows = ["policy,angle,seed,r_env,delay", "go,,0,1.0,2.0", "go,,1,2.0,2.0"]
+    rows += ["wait,,0,-1.0,9.0", "wait,,1,-1.0,8.0"]
+    (folder / "episodes.csv").write_text("\n".join(rows) + "\n")
+    passenger = "[passenger]\nweight = 1.0\nr_env = 1.0\n"
+    (folder / "people.toml").write_text(f"{passenger}[drivers]\nweight = 1.0\ndelay = -0.1\n")
 
 
 def _of_the_auditor(folder: Path) -> None:

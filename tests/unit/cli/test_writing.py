@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.fuzz.calls import BASES, DATA, LONG, OUT, POLICY, PROFILE, TRAINING
-from tests.fuzz.samples import SWEEP, _trajectories
+from tests.fuzz.samples import SWEEP, _trajectories, make_stakeholders
 from tests.patience import HANG, wait_until
 
 from socialiq.cli.commands import COMMANDS, command_class
@@ -55,6 +55,7 @@ def samples(tmp_path_factory):
     assert main(["data", "to-arrays", data, "--out", str(folder / "steps.npz")]) == 0
     _trajectories(folder / "rollouts.npz")
     (folder / "sweep.toml").write_text(SWEEP)
+    make_stakeholders(folder)
     shutil.copy(XML, folder / "recording.xml")
     assert main(["data", "import", "commonroad", str(XML), "--out", str(folder / "in")]) == 0
     (imported,) = (folder / "in").glob("*.safetensors")
@@ -80,7 +81,7 @@ MORE = [
 LATE = (*TRAINING, *LONG, "data predict", "data conflicts", "data census")
 """Commands that work for seconds before they write."""
 LACKING = ("train improve-dial", "train td3-bc", "train own", "train practised-dial")
-LACKING += ("data from-minari", "data predict")
+LACKING += ("data from-minari", "data predict", "population intersection")
 """Commands of which the tests lack a sample."""
 
 
