@@ -19,6 +19,8 @@ from socialiq.population.crossing_game import CrossingGame, Payoffs
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import packaged_results, write_atomically
 from socialiq.types import Row
+from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.intersection.driving import DIAL
 from socialiq_lab.intersection.training import Checks, DialIterationRun, train_dial_by_iteration
@@ -46,6 +48,8 @@ class Config:
     invaders: int = 1
     spawn_probabilities: tuple[float, ...] = (0.6, 0.2)
     """Densities of the rule-bound traffic; invaders drive in the first."""
+    rules: tuple[str, ...] = ("idm", "gap_3s", "go")
+    """Rule-based drivers of a fleet each."""
     seeds: tuple[int, ...] = (501, 502)
     """Training seeds of self-play."""
     updates: int = 10_000
@@ -88,6 +92,16 @@ class Meeting:
     seeds: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class RuleFleets:
+    """Configuration of the fleets of rules in traffic of one density."""
+
+    rules: tuple[str, ...]
+    agents: int
+    spawn_probability: float
+    seeds: tuple[int, ...]
+
+
 def copy_shipped(
     config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
@@ -102,15 +116,32 @@ def meet(
     """Drive fleets of a dial at each angle, and invaders among them; write their rows."""
     (trained,) = inputs.values()
     dial = DialPolicy.load(trained / DIAL)
-    traffic: dict[str, Any] = {"spawn_probability": config.spawn_probability}
-    traffic |= {"agents": config.agents, "duration": fleet.DURATION}
-    world, seeds = make_fleet(**traffic), np.array(config.seeds)
+    world, seeds = world_of(config), np.array(config.seeds)
     uniform = fleet.uniform_fleets(world, dial, config.angles, seeds)
     rows = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
     write_atomically(folder / "fleets.csv", as_csv(rows))
     if config.invaders:
         invasions = fleet.invasions(world, dial, uniform, seeds, config.invaders, 0)
         write_atomically(folder / "invasions.csv", as_csv(list(invasions)))
+
+
+def drive_rules(
+    config: RuleFleets, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Drive a fleet of each rule; write their rows."""
+    world, everybody = world_of(config), np.zeros((len(config.seeds), config.agents), np.int64)
+    rows = [
+        {"rule": name}
+        | fleet.summary(fleet.drive(world, [policy(name)], everybody, config.seeds), 0)
+        for name in config.rules
+    ]
+    write_atomically(folder / "rules.csv", as_csv(rows))
+
+
+def world_of(config: Meeting | RuleFleets) -> RoadWorld:
+    """Return the intersection of some fleets."""
+    traffic: dict[str, Any] = {"spawn_probability": config.spawn_probability}
+    return make_fleet(agents=config.agents, duration=fleet.DURATION, **traffic)
 
 
 def jobs(config: Config) -> list[Job]:
@@ -142,6 +173,9 @@ def jobs(config: Config) -> list[Job]:
             )
             cost = 60.0 * (len(config.angles) if invaders else 1)
             listed.append(Job(f"meetings/{name}/{number}", meet, meeting, (source,), cost))
+    for number, spawn_probability in enumerate(config.spawn_probabilities):
+        run = RuleFleets(config.rules, config.agents, spawn_probability, config.episode_seeds)
+        listed.append(Job(f"rules/{number}", drive_rules, run, (), 30.0))
     return listed
 
 
@@ -165,6 +199,11 @@ def compute_tables(config: Config, context: Context) -> Findings:
             fleets += [label | row for row in from_csv(folder / "fleets.csv")]
             if (folder / "invasions.csv").is_file():
                 invasions += [label | row for row in from_csv(folder / "invasions.csv")]
+    rules = [
+        {"spawn_probability": spawn_probability, **row}
+        for number, spawn_probability in enumerate(config.spawn_probabilities)
+        for row in from_csv(context.work / "rules" / str(number) / "rules.csv")
+    ]
     game, mandates = list[Row](), list[Row]()
     for temperature in config.temperatures:
         payoffs = CrossingGame(temperature).payoffs(config.angles)
@@ -184,7 +223,13 @@ def compute_tables(config: Config, context: Context) -> Findings:
             for temperature in config.temperatures
         },
     }  # fmt: skip
-    tables = {"fleets": fleets, "invasions": invasions, "game": game, "mandates": mandates}
+    tables = {
+        "fleets": fleets,
+        "rules": rules,
+        "invasions": invasions,
+        "game": game,
+        "mandates": mandates,
+    }
     shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
     return Findings(tables, summary, {DIAL: shipped})
 
