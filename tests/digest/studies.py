@@ -27,7 +27,7 @@ NEEDS = {
 QUICK = ("audit-power", "off-policy", "mo-gymnasium")
 
 
-IN_PROCESSES = ("caused-effects", "compare-priors", "mujoco-imitation")
+IN_PROCESSES = ("caused-effects", "compare-priors", "mujoco-imitation", "population")
 """Studies whose networks depend on the arithmetic that the jobs' processes are given."""
 
 FEWER_DIGITS = {"mujoco-imitation": 5}

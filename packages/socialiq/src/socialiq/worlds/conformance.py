@@ -131,7 +131,8 @@ class _RealIntersection:
         paid = np.abs(np.subtract(real.rewards, decisions.rewards)).max()
         owned = rewards_of(self._core.buffers, decisions.off_road.reshape(-1))
         paid = max(paid, np.abs(owned - self._row.rewards).max())
-        return real.observation.reshape(-1), alike.all() and over == self._row.over, float(paid)
+        same = bool(alike.all()) and bool(over == self._row.over)
+        return real.observation.reshape(-1), same, float(paid)
 
     def records(self) -> np.ndarray:
         buffers = self._batch.buffers
