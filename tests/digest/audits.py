@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from tests.digest.commands import EXAMPLES, call, collected, junction_file, of_c
 from tests.digest.digest import Hashes, Item, of_plain
 
 EPISODES = 20
+DATE = "2026-11-26"
 CODE_SHA256 = "8d6c48bb3731481b2d2193e7608cd888c2b9dd69212c2736bf044945921db710"
 CODE = ("--allow-code", "--isolation", "none")
 HALF = "def half(seen):\n    return 0.0 * seen[:, :1] + 0.5\n"
@@ -63,7 +65,7 @@ def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Has
     """Audit a policy with a fixed seed, from a folder that holds the code of drivers.
 
     The hash of a rule covers this package's code, so that its seeds would follow every change of a
-    line; here it is that of the code by which the digest was made.
+    line; here it is that of the code by which the digest was made. So is the declaration's date.
     """
     (folder / "driver.py").write_text(f"{SLOW}\n\n{STILL}\n\n{HALF}")
     shutil.copy(EXAMPLES / "policies" / "process_policy.py", folder)
@@ -71,6 +73,9 @@ def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Has
     with contextlib.chdir(folder), rule:
         new = ("profile", "new", "--world", world, "--angle", 45, "--owner", "x")
         call(*new, "--out", "profile.toml")
+        declaration = Path("profile.toml")
+        dated = re.sub(r"(?m)^date = .*$", f"date = {DATE}", declaration.read_text())
+        declaration.write_text(dated)
         words = ("--profile", "profile.toml", "--episodes", EPISODES, "--seed", 7, "--no-log")
         call("audit", policy, *words, *more, "--out", "report")
         report = json.loads(Path("report/report.json").read_text())
