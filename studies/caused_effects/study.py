@@ -21,7 +21,7 @@ from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import paired_difference
-from socialiq.storage import packaged_results
+from socialiq.statistics.intervals import normal_mean
 from socialiq.types import Ending, RewardPair, Row
 from socialiq.worlds.enumerate import expert_policy, tabulate
 from socialiq.worlds.highway.effects import EffectOptions
@@ -29,7 +29,13 @@ from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.intersection.driving import DIAL, atlas_demonstrations
+from socialiq_lab.intersection.driving import (
+    DIAL,
+    Shipped,
+    atlas_demonstrations,
+    copy_shipped,
+    seeds_of_blocks,
+)
 from socialiq_lab.intersection.training import (
     Checks,
     DialIterationRun,
@@ -41,7 +47,10 @@ from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 
 CAUSED, EQ_4_2, OFFLINE = "caused", "eq_4_2", "offline"
-SHIPPED = {"start": "timed.safetensors", EQ_4_2: "iterated.safetensors"}
+SHIPPED = {
+    "start": "intersection-dial-clock/timed.safetensors",
+    EQ_4_2: "intersection-dial-clock/iterated.safetensors",
+}
 """Dials of the study intersection-dial: the one that both begin with, and that of Eq 4.2."""
 MEANS = (
     "r_env", "r_caused", "r_eq_4_2", "delay", "braking", "gap_below_1_s", "collision", "arrival",
@@ -88,14 +97,7 @@ class Config:
     @property
     def episode_seeds(self) -> tuple[int, ...]:
         """Seed of each evaluation episode, of all blocks."""
-        return tuple(first + number for first in self.blocks for number in range(self.episodes))
-
-
-@dataclass(frozen=True)
-class Shipped:
-    """Configuration of a dial of the committed results."""
-
-    file: str
+        return seeds_of_blocks(self.blocks, self.episodes)
 
 
 @dataclass(frozen=True)
@@ -114,14 +116,6 @@ class DrivingByName:
     driver: str
     seeds: tuple[int, ...]
     effects: EffectOptions
-
-
-def copy_shipped(
-    config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Put a dial of the committed results into the job's folder."""
-    content = (packaged_results() / "intersection-dial-clock" / config.file).read_bytes()
-    (folder / DIAL).write_bytes(content)
 
 
 def drive(
@@ -263,9 +257,8 @@ def measured_row(runs: Sequence[np.ndarray]) -> Row:
     row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
     for column, name in enumerate(MEANS):
         values = np.mean([run[:, column] for run in runs], axis=0)
-        means, mean = [float(run[:, column].mean()) for run in runs], float(values.mean())
-        half = 1.96 * float(values.std(ddof=1)) / len(values) ** 0.5
-        row |= {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
+        means = [float(run[:, column].mean()) for run in runs]
+        row |= normal_mean(name, values)
         row |= {f"{name}_least": min(means), f"{name}_largest": max(means)}
     counts = np.sum([run[:, len(MEANS) :].sum(axis=0) for run in runs], axis=0)
     charged, not_caused, caused, missed, credited, gained, lost = counts.tolist()

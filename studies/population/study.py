@@ -17,12 +17,12 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.population import fleet, norms
 from socialiq.population.crossing_game import CrossingGame, Payoffs
 from socialiq.results_folder import as_csv, from_csv
-from socialiq.storage import packaged_results, write_atomically
+from socialiq.storage import write_atomically
 from socialiq.types import Row
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
-from socialiq_lab.intersection.driving import DIAL
+from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped, seeds_of_blocks
 from socialiq_lab.intersection.training import Checks, DialIterationRun, train_dial_by_iteration
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
@@ -71,14 +71,7 @@ class Config:
     @property
     def episode_seeds(self) -> tuple[int, ...]:
         """Seed of each evaluation episode, of all blocks."""
-        return tuple(first + number for first in self.blocks for number in range(self.episodes))
-
-
-@dataclass(frozen=True)
-class Shipped:
-    """Configuration of a dial of the committed results."""
-
-    file: str
+        return seeds_of_blocks(self.blocks, self.episodes)
 
 
 @dataclass(frozen=True)
@@ -100,14 +93,6 @@ class RuleFleets:
     agents: int
     spawn_probability: float
     seeds: tuple[int, ...]
-
-
-def copy_shipped(
-    config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Write a dial of the committed results."""
-    content = (packaged_results() / config.file).read_bytes()
-    (folder / DIAL).write_bytes(content)
 
 
 def meet(

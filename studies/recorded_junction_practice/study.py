@@ -12,6 +12,7 @@ from socialiq import Ending
 from socialiq.audit.evidence.outcomes import Outcomes
 from socialiq.demonstrations import files
 from socialiq.statistics.comparisons import paired_difference
+from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import read_json
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings
@@ -65,9 +66,7 @@ def _row(name: str, runs: Sequence[Outcomes]) -> Row:
     for column, side in enumerate(_SIDES):
         of_runs = [run.totals[:, column] for run in runs]
         values, means = np.mean(of_runs, axis=0), [float(totals.mean()) for totals in of_runs]
-        half = 1.96 * float(values.std(ddof=1)) / np.sqrt(len(values))
-        mean = float(values.mean())
-        row |= {side: mean, f"{side}_low": mean - half, f"{side}_high": mean + half}
+        row |= normal_mean(side, values)
         row |= {f"{side}_least": min(means), f"{side}_largest": max(means)}
     shares = {
         "arrival": [run.ending == Ending.ARRIVAL for run in runs],

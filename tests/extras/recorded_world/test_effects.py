@@ -1,4 +1,4 @@
-"""What a driver causes at the crossing made by hand: known answers."""
+"""Effects of drivers at the crossing made by hand: known answers."""
 
 from __future__ import annotations
 

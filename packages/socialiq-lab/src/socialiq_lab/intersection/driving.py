@@ -1,6 +1,6 @@
 """Driving jobs of the intersection: episodes on common seeds, and recorded demonstrations."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -20,7 +20,7 @@ from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import as_csv
-from socialiq.storage import load_arrays, save_arrays, write_atomically
+from socialiq.storage import load_arrays, packaged_results, save_arrays, write_atomically
 from socialiq.types import Row
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas, policies
@@ -176,6 +176,25 @@ RECORDED_EPISODES = 3000
 """Episodes recorded of each expert."""
 MIXTURE, SIZE = "equal_transitions", 15_000
 """Mixture that learners get: transitions of each expert (thesis 6.3)."""
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """Configuration of a dial of the committed results."""
+
+    file: str
+
+
+def copy_shipped(
+    config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Write a dial of the committed results."""
+    (folder / DIAL).write_bytes((packaged_results() / config.file).read_bytes())
+
+
+def seeds_of_blocks(blocks: Sequence[int], episodes: int) -> tuple[int, ...]:
+    """Return the seed of each episode of all blocks, given their first ones."""
+    return tuple(first + number for first in blocks for number in range(episodes))
 
 
 @dataclass(frozen=True, kw_only=True)

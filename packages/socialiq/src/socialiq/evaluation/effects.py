@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.simulate import actor_of
-from socialiq.statistics.intervals import wilson
+from socialiq.statistics.intervals import normal_mean, wilson
 from socialiq.types import Ending, Policy, RewardPair, Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.highway.effects import ABSENT, RELATIONS, REPEAT, EffectOptions
@@ -298,23 +298,18 @@ def summary(effects: Effects) -> Row:
     """Return means with 95 % intervals: metres, brakings, shares, and the errors of Eq 4.2."""
     count = len(effects.ending)
 
-    def mean(name: str, values: np.ndarray) -> Row:
-        half = 1.96 * float(values.std(ddof=1)) / count**0.5 if count > 1 else np.nan
-        centre = float(values.mean())
-        return {name: centre, f"{name}_low": centre - half, f"{name}_high": centre + half}
-
     def share(name: str, happened: np.ndarray) -> Row:
         value, low, high = wilson(int(happened.sum()), count)
         return {name: value, f"{name}_low": low, f"{name}_high": high}
 
     row: Row = {"episodes": count}
-    row |= mean("r_env", effects.totals.env) | mean("r_caused", effects.totals.social)
-    row |= mean("r_eq_4_2", effects.eq_4_2) | mean("delay", effects.delay.sum(axis=1))
+    row |= normal_mean("r_env", effects.totals.env) | normal_mean("r_caused", effects.totals.social)
+    row |= normal_mean("r_eq_4_2", effects.eq_4_2) | normal_mean("delay", effects.delay.sum(axis=1))
     for number, name in enumerate(RELATIONS):
-        row |= mean(f"delay_{name}", effects.delay[:, number])
-    row |= mean("braking", effects.braking)
+        row |= normal_mean(f"delay_{name}", effects.delay[:, number])
+    row |= normal_mean("braking", effects.braking)
     row |= share("gap_below_1_s", effects.gap < CLOSE) | share("gap_below_2_s", effects.gap < 2.0)
-    row |= mean("helped", effects.helped) | mean("harmed", effects.harmed)
+    row |= normal_mean("helped", effects.helped) | normal_mean("harmed", effects.harmed)
     for name, ending in (("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)):
         row |= share(name, effects.ending == int(ending))
     row |= share("at_fault", effects.at_fault)

@@ -64,10 +64,10 @@ def drive(
             chosen = driving & (drivers == number)
             if chosen.any():
                 actions[chosen] = policy.predict(batch.seen_by(policy)[chosen])[0]
-        made = batch.step(actions, auto_reset=False, rows=batch.running)
+        results = batch.step(actions, auto_reset=False, rows=batch.running)
         decisions += driving
-        totals += np.where(driving, made.rewards, 0.0)
-        for name, values in made.signals.items():
+        totals += np.where(driving, results.rewards, 0.0)
+        for name, values in results.signals.items():
             signals[name] = signals.get(name, 0.0) + np.where(driving, values, 0.0)
-        ending = np.where(driving, made.ending, ending)
+        ending = np.where(driving, results.ending, ending)
     return Driven(RewardPair(*totals), ending, decisions, signals)

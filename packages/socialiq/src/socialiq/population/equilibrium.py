@@ -137,8 +137,7 @@ def _corrected(
     half = games.first.shape[1]
     first_change = np.zeros(len(points))
     for number in range(_NEWTON_STEPS):
-        residual, slope = _equations(games, points)
-        system = _regular(np.concatenate([slope, normals[:, None]], axis=1))
+        residual, system = _systems(games, points, normals)
         right = np.concatenate([-residual, np.zeros((len(points), 1))], axis=1)
         change = np.linalg.solve(system, right[..., None])[..., 0]
         if number == 0:
@@ -157,8 +156,7 @@ def _tangents(
     before: Float[np.ndarray, "game unknown"],
 ) -> tuple[Float[np.ndarray, "game unknown"], Float[np.ndarray, " game"]]:
     """Return unit tangents that go on in the direction before, and the signs of their side."""
-    _, slope = _equations(games, points)
-    system = _regular(np.concatenate([slope, before[:, None]], axis=1))
+    _, system = _systems(games, points, before)
     right = np.zeros((*points.shape, 1))
     right[:, -1] = 1.0
     tangents = np.linalg.solve(system, right)[..., 0]
@@ -167,8 +165,15 @@ def _tangents(
     return tangents, np.sign(np.linalg.det(system))
 
 
-def _regular(
-    systems: Float[np.ndarray, "game unknown unknown"],
-) -> Float[np.ndarray, "game unknown unknown"]:
-    """Return the systems without exact singularity, at one point of a symmetric game's branch."""
-    return systems + 1e-14 * np.eye(systems.shape[-1])
+def _systems(
+    games: _Games,
+    points: Float[np.ndarray, "game unknown"],
+    last: Float[np.ndarray, "game unknown"],
+) -> tuple[Float[np.ndarray, "game equation"], Float[np.ndarray, "game unknown unknown"]]:
+    """Return the residuals, and the derivatives above a last row that makes them square.
+
+    Nothing is singular exactly, which a symmetric game is at one point of its branch.
+    """
+    residual, slope = _equations(games, points)
+    square = np.concatenate([slope, last[:, None]], axis=1)
+    return residual, square + 1e-14 * np.eye(square.shape[-1])

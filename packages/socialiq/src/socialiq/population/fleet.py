@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from socialiq.errors import UserError
 from socialiq.evaluation.fleet import drive as drive_together
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.statistics.intervals import normal_mean
 from socialiq.types import Ending, Policy, Row
 from socialiq.worlds.highway.world import RoadWorld
 
@@ -114,9 +115,7 @@ def summary(fleet: Fleet, group: int) -> Row:
     """Return the means of `MEASURES` of a group with 95 % intervals over episodes."""
     row: Row = {}
     for name, values in fleet.means(group).items():
-        half = 1.96 * values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
-        row |= {name: values.mean(), f"{name}_low": values.mean() - half}
-        row[f"{name}_high"] = values.mean() + half
+        row |= normal_mean(name, values)
     return row
 
 
@@ -128,8 +127,5 @@ def fitness(mixture: Fleet, uniform: Fleet) -> Row:
     alone = uniform.means(0)["r_env"]
     row: Row = {}
     for name, group in (("gain", 1), ("residents", 0)):
-        change = mixture.means(group)["r_env"] - alone
-        half = 1.96 * change.std(ddof=1) / np.sqrt(len(change))
-        row |= {name: change.mean(), f"{name}_low": change.mean() - half}
-        row[f"{name}_high"] = change.mean() + half
+        row |= normal_mean(name, mixture.means(group)["r_env"] - alone)
     return row

@@ -66,6 +66,16 @@ FEWEST = 20
 _EQUAL = 1e-9  # relative to the range; below it values differ by rounding
 
 
+def normal_mean(name: str, values: Float[np.ndarray, " episode"]) -> dict[str, float]:
+    """Return a mean with its normal 95 % interval as columns of a row: name, name_low, name_high.
+
+    The ends are NaN for a single value.
+    """
+    mean, count = float(values.mean()), len(values)
+    half = 1.96 * float(values.std(ddof=1)) / count**0.5 if count > 1 else math.nan
+    return {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
+
+
 class Bounds(NamedTuple):
     """One-sided bounds of a mean."""
 

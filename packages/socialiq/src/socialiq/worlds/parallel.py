@@ -60,8 +60,8 @@ class RoadParallelEnv(ParallelEnv):
             agent: (observations_of(self.world, clock), self.world.action_space)
             for agent in self.possible_agents
         }
-        self.observation_spaces = {agent: seen for agent, (seen, _) in pairs.items()}
-        self.action_spaces = {agent: chosen for agent, (_, chosen) in pairs.items()}
+        self.observation_spaces = {agent: space for agent, (space, _) in pairs.items()}
+        self.action_spaces = {agent: space for agent, (_, space) in pairs.items()}
         self._draws = np.random.default_rng()
 
     def observation_space(self, agent: str) -> spaces.Box:
@@ -82,7 +82,7 @@ class RoadParallelEnv(ParallelEnv):
             seed = int(self._draws.integers(2**31))
         self.batch.reset(None if seed is None else [seed])
         self.agents = list(self.possible_agents)
-        return self._seen(self.batch.observation), {agent: {} for agent in self.agents}
+        return self._observed(self.batch.observation), {agent: {} for agent in self.agents}
 
     def step(self, actions: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
         """Take one decision; give the action of each agent that drives.
@@ -97,35 +97,38 @@ class RoadParallelEnv(ParallelEnv):
             raise UserError(f"the action of {missing[0]} is missing")
         chosen = np.zeros(self.batch.shape, np.int64)
         for agent in self.agents:
-            chosen[0, self._numbers[agent]] = int(actions[agent])
-        made = self.batch.step(chosen, auto_reset=False)
-        observations = self._seen(made.observation)
-        ended = self._ended(made)
+            action = np.asarray(actions[agent])
+            if action.size != 1 or action.dtype.kind not in "iu":
+                raise UserError(f"the action of {agent} must be a whole number, got {action}")
+            chosen[0, self._numbers[agent]] = action.item()
+        decisions = self.batch.step(chosen, auto_reset=False)
+        observations = self._observed(decisions.observation)
+        departures = self._departures(decisions)
         rewards, infos = {}, {}
         for agent in self.agents:
             number = self._numbers[agent]
-            rewards[agent] = float(score(self._weights[number], made.rewards)[0, number])
-            infos[agent] = facts_of(made, (0, number))
-        terminated = {agent: ended[agent] == "terminated" for agent in self.agents}
-        truncated = {agent: ended[agent] == "truncated" for agent in self.agents}
-        self.agents = [agent for agent in self.agents if not ended[agent]]
+            rewards[agent] = float(score(self._weights[number], decisions.rewards)[0, number])
+            infos[agent] = facts_of(decisions, (0, number))
+        terminated = {agent: departures[agent] == "terminated" for agent in self.agents}
+        truncated = {agent: departures[agent] == "truncated" for agent in self.agents}
+        self.agents = [agent for agent in self.agents if not departures[agent]]
         return observations, rewards, terminated, truncated, infos
 
-    def _ended(self, decisions: Decisions) -> dict[str, str]:
+    def _departures(self, decisions: Decisions) -> dict[str, str]:
         """Return how each agent leaves after a decision; "" if it stays."""
         ending = decisions.ending[0]
         joint = getattr(self.world.options, "ends", "") == "joint"
         if joint and self.batch.running[0]:
             return dict.fromkeys(self.agents, "")
         together = joint and int(Ending.TIMEOUT) not in ending
-        found = {}
+        departures = {}
         for agent in self.agents:
-            one = int(ending[self._numbers[agent]])
-            stays = "" if one == int(Ending.NONE) else "truncated"
-            found[agent] = "terminated" if together or one in TERMINAL else stays
-        return found
+            kind = int(ending[self._numbers[agent]])
+            stays = "" if kind == int(Ending.NONE) else "truncated"
+            departures[agent] = "terminated" if together or kind in TERMINAL else stays
+        return departures
 
-    def _seen(self, observation: np.ndarray) -> dict[str, np.ndarray]:
+    def _observed(self, observation: np.ndarray) -> dict[str, np.ndarray]:
         if self._clock:
             time = np.full((*self.batch.shape, 1), self.batch.time[0], np.float32)
             observation = np.concatenate([observation, time], axis=2)

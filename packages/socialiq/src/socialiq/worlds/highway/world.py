@@ -272,8 +272,8 @@ class RoadBatch(abc.ABC):
     @property
     def _columns(self) -> State:
         buffers = self.buffers
-        seen = buffers.observation.reshape(self.size, -1, len(FEATURES))  # a view
-        return State(buffers.episodes, buffers.vehicles, seen, self._waiting, self.ledger)
+        rows = buffers.observation.reshape(self.size, -1, len(FEATURES))  # of all agents, no copy
+        return State(buffers.episodes, buffers.vehicles, rows, self._waiting, self.ledger)
 
     def save(self) -> State:
         """Return a copy of the state of every episode."""

@@ -199,8 +199,8 @@ class _WatchedRoad(RegulatedRoad):
         for number, agent in enumerate(self.agents):
             if untouched[number]:
                 slot = self.vehicles.index(agent)
-                found = contact_of(self.records(), slot, dt, *self.contacts[number])
-                self.contacts[number] = int(found[0]), int(found[1])
+                contact, touched = contact_of(self.records(), slot, dt, *self.contacts[number])
+                self.contacts[number] = int(contact), int(touched)
 
     def records(self) -> np.ndarray:
         """Return the current vehicles in list order, VEHICLE (vehicles,)."""

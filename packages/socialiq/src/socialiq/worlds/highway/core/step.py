@@ -64,8 +64,8 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
         lane, turned = lane_of(agent.lane, road), turns(agent, road, settings)
         for slot in range(count):
             along[slot] = longitudinal(lane, vehicles[slot].x, vehicles[slot].y)
-        seen = along, settings.tie, sight(road), turned
-        rewards.observe(vehicles, count, slot_of_agent, seen, observation)
+        view = along, settings.tie, sight(road), turned
+        rewards.observe(vehicles, count, slot_of_agent, view, observation)
 
     decide, begin = _decide_of(kernels), _begin_of(kernels, observe)
     annotate = _annotate_of(kernels, observe)
