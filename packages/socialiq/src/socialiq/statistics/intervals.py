@@ -10,7 +10,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 
 from socialiq.errors import UserError
 
@@ -66,7 +66,7 @@ FEWEST = 20
 _EQUAL = 1e-9  # relative to the range; below it values differ by rounding
 
 
-def normal_mean(name: str, values: Float[np.ndarray, " episode"]) -> dict[str, float]:
+def normal_mean(name: str, values: Num[np.ndarray, " episode"]) -> dict[str, float]:
     """Return a mean with its normal 95 % interval as columns of a row: name, name_low, name_high.
 
     The ends are NaN for a single value.
