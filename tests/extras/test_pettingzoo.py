@@ -69,13 +69,18 @@ def test_agents_of_joint_episodes_leave_together():
             assert len(left) == 4 and len({*left}) == 1
 
 
-def test_what_is_missing_is_named():
+def test_mistakes_are_one_line():
     with pytest.raises(UserError, match="angle must be one number, or 2 of them, got 3"):
         RoadParallelEnv(angle=[0.0, 1.0, 2.0])
     env = RoadParallelEnv()
     env.reset(seed=0)
     with pytest.raises(UserError, match="the action of agent_1 is missing"):
         env.step({"agent_0": GO})
+    for wrong in (float("nan"), 1.5, "faster", [0, 1]):
+        with pytest.raises(UserError, match="the action of agent_1 must be a whole number"):
+            env.step({"agent_0": GO, "agent_1": wrong})
+    with pytest.raises(UserError, match="actions must be 0 to 2"):
+        env.step({"agent_0": GO, "agent_1": 7})
 
 
 def test_the_example_trains_a_policy_that_drives_every_agent(tmp_path, capsys):

@@ -14,7 +14,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Policy
-from socialiq.worlds.highway.options import ended
+from socialiq.worlds.highway.options import is_over
 from socialiq.worlds.highway.reference import RealScene
 from socialiq.worlds.highway.scenes import ACTIONS, FASTER, IDLE, LANE_LEFT, SLOWER
 from socialiq.worlds.highway.world import RoadBatch, world_of
@@ -59,7 +59,7 @@ def _compare_episode(
         if is_same:
             gap = np.abs(decisions.observation.reshape(-1) - observation).max()
             worst = np.maximum(worst, [deviation, gap, paid])
-        running = is_same and not ended(decisions.ending.reshape(1, -1), joint=True)[0]
+        running = is_same and not is_over(decisions.ending.reshape(1, -1), joint=True)[0]
     return Compared(seed, steps, int(not is_same), *worst.tolist(), off_road=left)
 
 
@@ -127,7 +127,7 @@ class _RealIntersection:
     def step(self, action: Any, decisions: Decisions) -> tuple[np.ndarray, bool, float]:
         real = self._batch.step(np.asarray([action]), auto_reset=False)
         alike = (real.ending == decisions.ending) & (real.contact == decisions.contact)
-        over = ended(decisions.ending.reshape(1, -1), joint=True)[0]
+        over = is_over(decisions.ending.reshape(1, -1), joint=True)[0]
         paid = np.abs(np.subtract(real.rewards, decisions.rewards)).max()
         owned = rewards_of(self._core.buffers, decisions.off_road.reshape(-1))
         paid = max(paid, np.abs(owned - self._row.rewards).max())

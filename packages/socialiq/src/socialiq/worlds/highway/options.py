@@ -251,7 +251,7 @@ _UNITS = (
 )
 
 
-def ended(ending: np.ndarray, joint: bool) -> np.ndarray:
+def is_over(ending: np.ndarray, joint: bool) -> np.ndarray:
     """Return whether each episode has ended, by `Ending` (episode, agent); see `AgentOptions`."""
     over = (ending != int(Ending.NONE)).all(axis=1)
     return over if not joint else over | (ending == int(Ending.COLLISION)).any(axis=1)

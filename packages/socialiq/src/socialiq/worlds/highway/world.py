@@ -35,10 +35,10 @@ from socialiq.worlds.highway.options import (
     Buffers,
     RoadOptions,
     SceneFleetOptions,
+    is_over,
     reward_definition,
     settings_of,
 )
-from socialiq.worlds.highway.options import ended as ended_of
 from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, Scene, scene_of
 from socialiq.worlds.world import Decisions, World, observed_with_time, rows_of
 
@@ -234,7 +234,7 @@ class RoadBatch(abc.ABC):
         self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
         self.measure(ACCOUNT, deciding)
         joint = not self._settings["each"][0]
-        ended = deciding & ended_of(self.buffers.ending.reshape(self.size, -1), joint)
+        ended = deciding & is_over(self.buffers.ending.reshape(self.size, -1), joint)
         decisions = self._decisions()
         if not auto_reset:
             self._waiting |= ended
