@@ -362,7 +362,7 @@ class Reference:
         shown = np.repeat(decided, agents)
         buffers.reached[shown] = observation[shown]
         buffers.observation[shown] = observation[shown]
-        over = roads.ended(buffers.ending.reshape(-1, agents), joint=True)
+        over = roads.is_over(buffers.ending.reshape(-1, agents), joint=True)
         for row in np.flatnonzero(
             (commands == roads.RESET) | (commands == roads.DECIDE_AND_RESET) & over
         ):
