@@ -157,7 +157,7 @@ class RoadBatch(abc.ABC):
             count = " x ".join(map(str, self.shape))
             raise UserError(f"actions must be {count} whole numbers, got {actions!r}")
         if chosen.min() < 0 or chosen.max() >= self.n_actions:
-            numbers = sorted({*chosen.tolist()})
+            numbers = sorted({*chosen.ravel().tolist()})
             raise UserError(f"actions must be 0 to {self.n_actions - 1}, got {numbers}")
         return chosen.astype(np.int64).reshape(-1)
 
