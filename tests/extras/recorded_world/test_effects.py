@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +15,16 @@ from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.profile import measured_in
 from socialiq.cli.main import main
+from socialiq.errors import UserError
 from socialiq.evaluation.effects import QUANTITIES, Effects, measure, measuring
-from socialiq.evaluation.simulate import actor_of
+from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.types import Ending
-from socialiq_recordings.world.effects import Episodes, _driven, _End
-from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq.worlds.environment import make_environment
+from socialiq.worlds.highway.effects import REPEAT, SIGNALS
+from socialiq_recordings.world.practice import Practice, record, train_with_practice
+from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
+from socialiq_recordings.world.replay import replay
+from socialiq_recordings.world.traffic import PRESENT
 
 SEEDS = np.arange(64)
 
@@ -29,7 +35,9 @@ def effects_of(world: RecordedWorld, name: str, **options) -> Effects:
 
 def causes_nothing(effects: Effects) -> bool:
     largest = max(np.abs(effects.delay).max(), np.abs(effects.braking).max())
-    moved = effects.helped.any() or effects.harmed.any()
+    moved = bool(effects.helped.any() or effects.harmed.any())
+    moved |= not np.array_equal(effects.not_caused, effects.charged)
+    moved |= bool(effects.caused.any() or effects.gained.any() or effects.lost.any())
     return bool(largest <= 1e-12 and np.isinf(effects.gap).all() and not moved)
 
 
@@ -57,26 +65,104 @@ def test_no_trivial_driver_looks_kind(world: RecordedWorld) -> None:
     assert np.isfinite(go.gap).any() and (go.gap >= 0).all()
 
 
-@pytest.mark.parametrize("name", ["go", "wait", "driver"])
-def test_the_episode_driven_again_is_the_episode(world: RecordedWorld, name: str) -> None:
+def test_a_look_ahead_with_the_own_action_is_the_step(world: RecordedWorld) -> None:
+    batch = started(world)
+    for action in (0, batch.faster, AS_DRIVER):
+        state = batch.save()
+        batch.measure(REPEAT + action % (batch.n_actions + 1), np.ones(batch.size, bool))
+        ahead = batch.ledger.ahead[..., 0].copy()
+        batch.step(np.full(batch.size, action), auto_reset=False)
+        whole = batch.buffers.present[:, 0] > 0
+        there = whole[:, None] & (batch.traffic.status == PRESENT) & ~np.isnan(ahead)
+        assert there.sum() > batch.size / 2
+        assert np.array_equal(ahead[there], batch.traffic.speed[there])
+        batch.restore(state)
+
+
+def test_signals_sum_to_both_worlds_and_copies_repeat_every_bit(world: RecordedWorld) -> None:
+    batch = started(world)
+    batch.step(np.full(batch.size, 3), auto_reset=False)
+    running = np.flatnonzero(batch.running)
+    copies = [batch.branch(running) for _ in range(2)]
+    sums = [rewarded(copy, copy.faster) for copy in copies]
+    assert len(running) > 10 and np.array_equal(sums[0], sums[1])
+    first = np.stack([batch.ledger.signals[running, number] for number in range(2)], axis=1)
+    apart = (copies[0].ledger.without - copies[0].ledger.driven).sum(axis=1)
+    np.testing.assert_allclose((sums[0] + first)[:, 0], apart[:, 0], atol=1e-9)
+    np.testing.assert_array_equal((sums[0] + first)[:, 1], -apart[:, 1])
+    with pytest.raises(UserError, match="only one of state and batch measures effects"):
+        world.batch(len(SEEDS)).restore(batch.save())
+
+
+def started(world: RecordedWorld) -> Any:
     batch = measuring(world).batch(len(SEEDS))
-    actor, running, levels = actor_of(batch, world.driver(name)), np.ones(len(SEEDS), bool), []
     batch.reset(SEEDS)
-    ending = np.zeros(len(SEEDS), np.int64)
-    for _ in range(3):
-        action = np.broadcast_to(actor.decide(batch.observation, running), len(SEEDS))
-        levels.append(batch.levels[action])
-        ending = np.maximum(ending, batch.step(action, auto_reset=False, rows=running).ending)
-        running &= ending == 0
-    steps = batch.traffic.step - batch.traffic.begun
-    whole = np.flatnonzero(steps == 30)
-    assert len(whole) >= 10
-    episodes = Episodes(SEEDS.astype(np.uint64), np.array(levels).T, steps + 1, ending)
-    end = _End(30, 10, 1, True, world.max_speed, world.config.slack)
-    place = _driven(batch, episodes, True, end).place[whole]
-    along, there = batch.traffic.along[whole], batch.traffic.status[whole] == 1
-    there &= np.isfinite(place)
-    assert there.any() and np.array_equal(place[there], along[there])
+    return batch
+
+
+def rewarded(batch: Any, action: int) -> np.ndarray:
+    """Drive to the end, and return the sums of the first two signals; check the rewards."""
+    running, sums = batch.running, np.zeros((batch.size, 2))
+    effects = batch.effects
+    weights = [getattr(effects, f"{name}_weight") for name in SIGNALS]
+    while running.any():
+        decisions = batch.step(np.full(batch.size, action), auto_reset=False, rows=running)
+        signals = np.stack([decisions.signals[name] for name in SIGNALS], axis=1)
+        social = signals @ weights
+        social += effects.caused_collision_weight * (decisions.ending == int(Ending.COLLISION))
+        np.testing.assert_allclose(decisions.rewards.social[running], social[running], atol=1e-9)
+        sums[running] += signals[running, :2]
+        running &= decisions.ending == 0
+    return sums
+
+
+def test_a_world_that_rewards_effects_is_a_file_that_others_do_not_equal(
+    world: RecordedWorld, tmp_path: Path
+) -> None:
+    caused = measuring(world, delay_weight=-0.2)
+    sha256 = caused.save(tmp_path / "caused.safetensors")
+    again = RecordedWorld.load(tmp_path / "caused.safetensors")
+    assert again.effects == caused.effects and again.config == world.config
+    assert sha256 != world.sha256 and again.description != world.description
+    assert again.reward["social"]["delay"] == -0.2 and "yielding" in world.reward["social"]
+    plain, batch = world.batch(len(SEEDS)), again.batch(len(SEEDS))
+    assert np.array_equal(plain.reset(SEEDS), batch.reset(SEEDS))
+    for _ in range(15):  # new episodes begin meanwhile
+        action = np.arange(len(SEEDS)) % world.n_actions
+        decisions, rewarded_by_eq_4_2 = batch.step(action), plain.step(action)
+        assert np.array_equal(decisions.observation, rewarded_by_eq_4_2.observation)
+        assert np.array_equal(decisions.rewards.env, rewarded_by_eq_4_2.rewards.env)
+        assert np.array_equal(batch.observation, plain.observation)
+    env = make_environment(str(tmp_path / "caused.safetensors"))
+    env.reset(seed=0)
+    *_, info = env.step(0)
+    assert set(SIGNALS) <= info["signals"].keys()
+    with pytest.raises(UserError, match="no episode without its driver"):
+        replay(again)
+
+
+def test_a_dial_learns_from_what_is_caused(world: RecordedWorld) -> None:
+    caused = measuring(world)
+    drivers = {name: caused.driver(name) for name in ("go", "wait")}
+    recorded = record(caused, drivers, 8, 0.5, 0)
+    static = OfflineDialConfig(updates=20, batch_size=16, hidden=(8,))
+    numbers = [OfflineDialHyperparameters(seed=0)]
+    practised = train_with_practice(caused, static, numbers, recorded, Practice(1, episodes=2))
+    assert practised.driven[0][0].rewards.social.min() < -0.5  # metres lost
+    dial = practised.stages["dial"].policy(0).at(45.0)
+    assert np.isfinite(measure(caused, dial, SEEDS[:4]).totals.social).all()
+    with pytest.raises(UserError, match=r"rewards of Eq 4\.2"):
+        train_with_practice(caused, static, numbers, replay(world).table, Practice(0))
+
+
+def test_charges_and_credits_are_judged_by_causes(world: RecordedWorld) -> None:
+    driver, go, wait = (effects_of(world, name) for name in world.drivers)
+    for effects in (driver, go, wait):
+        assert (effects.not_caused <= effects.charged).all()
+        assert (effects.missed <= effects.caused).all()
+        assert (effects.gained + effects.lost <= effects.credited).all()
+    assert not (go.gained.any() or go.lost.any())  # it is what credits are compared with
+    assert wait.caused.sum() > 0 and wait.lost.sum() > 0 and driver.credited.sum() > 0
 
 
 def test_an_audit_measures_what_the_command_does(world_file: Path, world: RecordedWorld) -> None:
@@ -115,7 +201,7 @@ def test_the_command_writes_the_effects_of_a_world_file(world_file, tmp_path, ca
     )
     assert [row["policy"] for row in rows] == ["go", "driver"]
     assert {"delay", "braking", "gap_below_1_s", "r_caused"} <= rows[0].keys()
-    assert "charged" not in rows[0] and "charges and credits" not in capsys.readouterr().out
+    assert "missed_of_caused" in rows[0] and "of_credited" in capsys.readouterr().out
     assert len(episodes) == 16
     assert main(["effects", str(tmp_path / "none.safetensors"), "--policy", "go"]) == 2
     assert main(["effects", str(world_file), *drivers, "--horizon", "5"]) == 2

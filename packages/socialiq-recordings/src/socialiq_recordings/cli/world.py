@@ -17,6 +17,7 @@ from socialiq.outputs import refuse_existing
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Ending, Row
+from socialiq.worlds.highway.effects import EffectOptions
 from socialiq_recordings import census
 from socialiq_recordings.cli.files import OfRecordings, load_all, not_used, remark
 from socialiq_recordings.road.network import Sign
@@ -76,6 +77,8 @@ class MakeWorld(OfRecordings):
 
     out: Path
     """World to write; must not exist."""
+    caused: bool = False
+    """Reward what the ego causes in the place of Eq 4.2, as `socialiq effects` measures it."""
     choices: _Choices = dataclasses.field(default_factory=Choices)
     demonstrations: Path | None = None
     """Demonstrations file to write: the recorded drivers' decisions in this world's form."""
@@ -96,6 +99,10 @@ class MakeWorld(OfRecordings):
         if not 1 <= self.repeats <= MOST_REPEATS:
             raise UserError(f"--repeats must be from 1 to {MOST_REPEATS}, got {self.repeats}")
         _check_every(self.every, self.choices)
+        if self.caused and self.demonstrations is not None:
+            raise UserError(
+                "--demonstrations have the rewards of Eq 4.2: leave them out with --caused"
+            )
         if self.out == self.demonstrations:
             raise UserError("--out and --demonstrations are one file: name two")
         for path in (self.out, self.demonstrations):
@@ -145,7 +152,9 @@ class MakeWorld(OfRecordings):
         if self.demonstrations is not None and replayed is not None:
             demonstration_files.save(self.demonstrations, replayed.table, replace=False)
             summary["demonstrations"] = _quality(replayed, built.world.config.decisions)
-        summary["sha256"] = built.world.save(self.out, replace=False)
+        effects = EffectOptions() if self.caused else None
+        world = dataclasses.replace(built.world, effects=effects)
+        summary["sha256"] = world.save(self.out, replace=False)
         return summary
 
 

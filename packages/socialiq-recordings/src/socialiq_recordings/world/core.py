@@ -33,6 +33,23 @@ def _put(traffic, row, vehicle, along, speed):
     traffic.n_present[row] += 1
 
 
+@kernel
+def snapshot(road, traffic, row, base, count, vehicles):
+    """Write place, speed and status of every vehicle.
+
+    Who waits has the place of its entry and no speed; who has gone has the end of its way.
+    """
+    for number in range(count):
+        vehicle, state = vehicles[number], road.state_first[base + number]
+        vehicle.status = traffic.status[row, number]
+        vehicle.along, vehicle.speed = traffic.along[row, number], traffic.speed[row, number]
+        if vehicle.status == WAITING:
+            vehicle.along, vehicle.speed = road.state[state, 0], math.nan
+        elif vehicle.status == GONE:
+            points = road.line_first[base + number + 1] - road.line_first[base + number]
+            vehicle.along = min(vehicle.along, points - 2.0)
+
+
 @inlined_kernel
 def populate(road, traffic, row, recording, ego, step):
     """Place the vehicles that were recorded at a sub-step as they were then; no ego: -1.
@@ -160,11 +177,15 @@ def decide(road, traffic, results, row, level, settings, slack):
     for slot in range(traffic.n_present[row]):
         number = traffic.present[row, slot]
         traffic.before[row, number] = traffic.speed[row, number]
+    if len(results.trace):
+        snapshot(road, traffic, row, base, count, results.before[row])
     results.contact[row], results.neighbours_collided[row] = _UNTOUCHED, 0
-    for _ in range(settings.frames):
+    for frame in range(settings.frames):
         front, now = traffic.along[row, ego] + half, traffic.step[row] * DT
         line = rules.closed_line(road.closed_first, road.closed, vehicle, front, now)
         sub_step(road, traffic, row, base, count, level, settings.max_speed)
+        if len(results.trace):
+            snapshot(road, traffic, row, base, count, results.trace[row, frame])
         results.neighbours_collided[row] += others_touched(road, traffic, row, base, slack)
         contact = touched(road, traffic, row, base, slack)
         if contact != _UNTOUCHED:
@@ -182,6 +203,10 @@ def decide(road, traffic, results, row, level, settings, slack):
     results.speed[row], results.ending[row] = traffic.speed[row, ego], ending
     progress = traffic.along[row, ego] - start
     annotate(road, traffic, row, base, count, progress, ending, settings, results, row)
+    whole = (traffic.step[row] - traffic.begun[row]) % settings.frames == 0
+    results.present[row, 0] = count if whole else 0  # no effect is judged of a part
+    if len(results.trace):
+        snapshot(road, traffic, row, base, count, results.after[row])
 
 
 @inlined_kernel

@@ -1,7 +1,8 @@
-"""Effects of the ego at a recorded junction: its episode with it and without it, to a common end.
+"""Commands of what the ego causes at a recorded junction (`highway.effects`), compiled.
 
 Later vehicles enter where and when they were recorded, and drivers draw nothing after they entered:
-both worlds have the same traffic. A vehicle's metres end with its recorded way.
+both worlds have the same traffic. A vehicle's metres end with its recorded way. The commands drive
+the traffic of a batch on, which `gym.JunctionBatch.measure` puts back.
 """
 
 from __future__ import annotations
@@ -12,32 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.evaluation.effects import LONGEST_GAP, MOVED
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
-from socialiq.worlds.highway.core.effects import HARD, encounter
-from socialiq.worlds.highway.effects import RELATIONS
-from socialiq.worlds.highway.options import Contact
-from socialiq.worlds.world import Actor
-from socialiq_recordings.world import traffic as rules
-from socialiq_recordings.world.core import reset, sub_step
-from socialiq_recordings.world.gym import JunctionBatch, Traffic
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.effects import HARD, encounter, write
+from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, RELATIONS, REPEAT
+from socialiq_recordings.world.core import snapshot, sub_step
 from socialiq_recordings.world.observation import overlap, place_of
-from socialiq_recordings.world.traffic import DT, GONE, WAITING
+from socialiq_recordings.world.traffic import DT, GONE, PRESENT
 
 _ARRIVED, _COLLIDED = int(Ending.ARRIVAL), int(Ending.COLLISION)
 _SAME_APPROACH, _SAME_EXIT, _CROSSING = range(len(RELATIONS))
 
-Episodes = collections.namedtuple("Episodes", "seeds levels until ending")
-"""Driven episodes: seed, level of each decision in m/s², sub-steps and kind of its end."""
-
-_End = collections.namedtuple("_End", "steps frames tow released fastest slack")
-
-Tally = collections.namedtuple("Tally", "place relation braking gap encounter")
-"""Of each episode: coordinates of others at the end, m, NaN for the ego and for those that had gone
-before; their places in `RELATIONS`; hard brakings; sub-steps of the least gap; encounters."""
-
 _Mover = collections.namedtuple("_Mover", "x y along_x along_y speed")
+
+_Place = collections.namedtuple("_Place", "row recording base count ego")
+"""Row of an episode, its recording, first vehicle, number of vehicles, and its ego."""
 
 
 @kernel
@@ -52,21 +42,22 @@ def _remove(traffic, row, vehicle):
 
 
 @kernel
-def _mover(road, traffic, row, base, vehicle):
-    along = traffic.along[row, vehicle]
-    x, y, heading = place_of(road.line_first, road.line, base + vehicle, along)
-    return _Mover(x, y, math.cos(heading), math.sin(heading), traffic.speed[row, vehicle])
+def _mover(road, vehicle, state):
+    x, y, heading = place_of(road.line_first, road.line, vehicle, state.along)
+    return _Mover(x, y, math.cos(heading), math.sin(heading), state.speed)
 
 
 @kernel
-def _struck(road, traffic, row, base, ego, slack):
+def _struck(road, traffic, at, slack):
     """Return the vehicle that the ego overlaps, the ego if there is none."""
-    for slot in range(traffic.n_present[row]):
-        vehicle = traffic.present[row, slot]
-        at, there = traffic.along[row, ego], traffic.along[row, vehicle]
-        if vehicle != ego and overlap(road, base + ego, at, base + vehicle, there, slack)[0]:
+    for slot in range(traffic.n_present[at.row]):
+        vehicle = traffic.present[at.row, slot]
+        along, there = traffic.along[at.row, at.ego], traffic.along[at.row, vehicle]
+        if vehicle == at.ego:
+            continue
+        if overlap(road, at.base + at.ego, along, at.base + vehicle, there, slack)[0]:
             return vehicle
-    return ego
+    return at.ego
 
 
 @kernel
@@ -89,156 +80,174 @@ def _note(times, vehicle, column, step):
 
 
 @kernel
-def _look(road, traffic, row, base, pairs, ego, step, driving, times):
+def _look(road, at, vehicles, step, driving, times):
     """Note who is in an area with the ego's way; return the closest predicted encounter."""
-    closest = 0.0
-    half = 0.5 * road.length[base + ego]
-    for slot in range(traffic.n_present[row]):
-        vehicle = traffic.present[row, slot]
+    closest, pairs = 0.0, road.pair_first[at.recording] + at.ego * at.count
+    along, half = vehicles[at.ego].along, 0.5 * road.length[at.base + at.ego]
+    for vehicle in range(at.count):
         area = road.area_of[pairs + vehicle]
-        if vehicle == ego or area < 0:
+        if vehicle == at.ego or area < 0:
             continue
-        along, side = traffic.along[row, vehicle], 0.5 * road.length[base + vehicle]
-        if road.area[area, 2] - side < along < road.area[area, 3] + side:
+        if driving and road.area[area, 0] - half < along < road.area[area, 1] + half:
+            _note(times, vehicle, 0, step)
+        state, side = vehicles[vehicle], 0.5 * road.length[at.base + vehicle]
+        if state.status != PRESENT:
+            continue
+        if road.area[area, 2] - side < state.along < road.area[area, 3] + side:
             _note(times, vehicle, 2, step)
         if driving:
-            movers = [_mover(road, traffic, row, base, number) for number in (ego, vehicle)]
-            closest = max(closest, encounter(movers[0], movers[1]))
-    if driving:
-        along = traffic.along[row, ego]
-        for vehicle in range(len(times)):
-            area = road.area_of[pairs + vehicle]
-            if area >= 0 and road.area[area, 0] - half < along < road.area[area, 1] + half:
-                _note(times, vehicle, 0, step)
+            ego = _mover(road, at.base + at.ego, vehicles[at.ego])
+            closest = max(closest, encounter(ego, _mover(road, at.base + vehicle, state)))
     return closest
 
 
 @kernel
-def _drive(road, traffic, row, episodes, with_ego, end, tally):
-    """Drive an episode to the common end. A collision stops both, until they are towed."""
-    recording, ego = traffic.recording[row], traffic.ego[row]
-    base = road.recording_first[recording]
-    count = road.recording_first[recording + 1] - base
-    pairs, until, towed = road.pair_first[recording] + ego * count, episodes.until[row], -1
-    struck, wrecks, ended = ego, (0.0, 0.0), episodes.ending[row]
-    times, hardest = np.full((count, 4), -1), np.zeros(count)
-    before, gone = np.empty(count), traffic.status[row, :count] == GONE
-    if not with_ego:
-        _remove(traffic, row, ego)
-        traffic.ego[row], until = -1, -1
-    for step in range(end.steps):
-        if step == until and ended == _COLLIDED:
-            struck, towed = _struck(road, traffic, row, base, ego, end.slack), step + end.tow
-            wrecks = traffic.along[row, ego], traffic.along[row, struck]
-        elif step == until:
+def _advance(junction, at, level, settings):
+    road, traffic = junction[0], junction[1]
+    sub_step(road, traffic, at.row, at.base, at.count, level, settings.max_speed)
+
+
+@kernel
+def _brake(vehicles, at, ends, speed, hardest, moved):
+    """Compare speeds with those before a sub-step; count hard brakings if it ends a decision."""
+    for vehicle in range(at.count):
+        change = (vehicles[vehicle].speed - speed[vehicle]) / DT
+        speed[vehicle] = vehicles[vehicle].speed
+        if vehicle != at.ego and not math.isnan(change):
+            hardest[vehicle] = min(hardest[vehicle], change)
+        if ends:
+            moved[vehicle, 1] += hardest[vehicle] < HARD
+            hardest[vehicle] = 0.0
+
+
+@kernel
+def _drive(junction, results, at, level, settings, moved):
+    """Advance by a decision; add what others drive to (vehicle, 2) totals."""
+    vehicles, hardest = results.vehicles[at.row], np.zeros(at.count)
+    speed = np.empty(at.count)
+    snapshot(junction[0], junction[1], at.row, at.base, at.count, vehicles)
+    for vehicle in range(at.count):
+        speed[vehicle] = vehicles[vehicle].speed
+        moved[vehicle, 0] -= vehicles[vehicle].along if vehicle != at.ego else 0.0
+    for frame in range(settings.frames):
+        _advance(junction, at, level, settings)
+        snapshot(junction[0], junction[1], at.row, at.base, at.count, vehicles)
+        _brake(vehicles, at, frame == settings.frames - 1, speed, hardest, moved)
+    for vehicle in range(at.count):
+        moved[vehicle, 0] += vehicles[vehicle].along if vehicle != at.ego else 0.0
+
+
+@kernel
+def _begin(junction, results, ledger, at, settings, effects):
+    """Note where vehicles are, and drive the world without the ego to the common end."""
+    road, traffic, row = junction[0], junction[1], at.row
+    pairs, first = road.pair_first[at.recording], results.vehicles[row]
+    snapshot(road, traffic, row, at.base, at.count, first)
+    for vehicle in range(len(first)):
+        ledger.relation[row, vehicle] = -1
+        for what in range(2):
+            ledger.without[row, vehicle, what] = ledger.driven[row, vehicle, what] = 0.0
+        for column in range(4):
+            ledger.times[row, vehicle, column] = -1
+        if vehicle < at.count and vehicle != at.ego and first[vehicle].status != GONE:
+            pair, back = pairs + at.ego * at.count + vehicle, pairs + vehicle * at.count + at.ego
+            ledger.relation[row, vehicle] = _relation(road, pair, back)
+            ledger.without[row, vehicle, 0] = ledger.driven[row, vehicle, 0] = first[vehicle].along
+    _remove(traffic, row, at.ego)
+    traffic.ego[row] = -1
+    for number in range(effects.decisions):
+        moved = np.zeros((at.count, 2))
+        _drive(junction, results, at, math.nan, settings, moved)
+        for what in range(2):
+            ledger.alone[row, number, what] = moved[:, what].sum()
+            for vehicle in range(at.count):
+                ledger.without[row, vehicle, what] += moved[vehicle, what]
+
+
+@kernel
+def _account(junction, results, ledger, at, settings, effects):
+    """Count a decision, and after the last one what follows it to the common end."""
+    road, traffic, row, frames = junction[0], junction[1], at.row, settings.frames
+    steps, times, before = traffic.step[row] - traffic.begun[row], ledger.times[row], results.before
+    number, encountered = (steps - 1) // frames, 0.0
+    moved, hardest, speed = np.zeros((at.count, 2)), np.zeros(at.count), np.empty(at.count)
+    for vehicle in range(at.count):
+        speed[vehicle] = before[row, vehicle].speed
+    for step in range(number * frames, steps):
+        vehicles = results.trace[row, step - number * frames]
+        _brake(vehicles, at, (step + 1) % frames == 0, speed, hardest, moved)
+        encountered = max(encountered, _look(road, at, vehicles, step, True, times))
+    last, vehicles = number + 1, results.vehicles[row]
+    snapshot(road, traffic, row, at.base, at.count, vehicles)
+    if results.ending[row] != 0:
+        last, ending, struck = effects.decisions, results.ending[row], at.ego
+        along, towed = traffic.along[row], -math.inf
+        if ending == _COLLIDED:  # both stand until they are towed
+            struck = _struck(road, traffic, at, junction[3])
+            towed = steps + np.rint(effects.tow_after / DT)
+        else:
             traffic.ego[row] = -1  # it drives on as traffic
-            if ended == _ARRIVED or not end.released:
-                _remove(traffic, row, ego)
-        if step == towed:
-            _remove(traffic, row, ego)
-            _remove(traffic, row, struck)
-        level = episodes.levels[row, step // end.frames] if step < until else math.nan
-        before[:] = np.nan
-        for slot in range(traffic.n_present[row]):
-            before[traffic.present[row, slot]] = traffic.speed[row, traffic.present[row, slot]]
-        sub_step(road, traffic, row, base, count, level, end.fastest)
-        if until <= step < towed:
-            traffic.along[row, ego], traffic.along[row, struck] = wrecks
-            traffic.speed[row, ego] = traffic.speed[row, struck] = 0.0
-            before[struck] = np.nan
-        for vehicle in range(count):
-            if vehicle != ego and traffic.status[row, vehicle] != WAITING:
-                change = (traffic.speed[row, vehicle] - before[vehicle]) / DT
-                hardest[vehicle] = min(hardest[vehicle], 0.0 if math.isnan(change) else change)
-        if with_ego:
-            driving = step < until
-            close = _look(road, traffic, row, base, pairs, ego, step, driving, times)
-            decision = step // end.frames
-            tally.encounter[row, decision] = max(tally.encounter[row, decision], close)
-        if (step + 1) % end.frames == 0:
-            tally.braking[row] += (hardest < HARD).sum()
-            hardest[:] = 0.0
-    for vehicle in range(count):
-        if vehicle == ego or gone[vehicle]:
-            continue
-        place = road.line_first[base + vehicle + 1] - road.line_first[base + vehicle] - 2.0
-        if traffic.status[row, vehicle] == WAITING:
-            place = road.state[road.state_first[base + vehicle], 0]
-        tally.place[row, vehicle] = min(traffic.along[row, vehicle], place)
-        pair, back = pairs + vehicle, road.pair_first[recording] + vehicle * count + ego
-        tally.relation[row, vehicle] = _relation(road, pair, back)
-        entered, left, they_entered, they_left = times[vehicle]
-        if min(entered, they_entered) >= 0:
-            apart = max(they_entered - left - 1, entered - they_left - 1, 0)
-            tally.gap[row] = min(tally.gap[row], apart)
+            if ending == _ARRIVED or not effects.released:
+                _remove(traffic, row, at.ego)
+        wrecks = along[at.ego], along[struck]
+        for step in range(steps, effects.decisions * frames):
+            if step == towed:
+                _remove(traffic, row, at.ego)
+                _remove(traffic, row, struck)
+            _advance(junction, at, math.nan, settings)
+            if step < towed:
+                along[at.ego], along[struck] = wrecks
+                traffic.speed[row, at.ego] = traffic.speed[row, struck] = 0.0
+                speed[struck] = math.nan
+            snapshot(road, traffic, row, at.base, at.count, vehicles)
+            _brake(vehicles, at, (step + 1) % frames == 0, speed, hardest, moved)
+            _look(road, at, vehicles, step, False, times)
+    for vehicle in range(at.count):
+        if vehicle != at.ego:
+            moved[vehicle, 0] = vehicles[vehicle].along - before[row, vehicle].along
+    write(results, ledger, row, (number, last), moved, encountered, effects)
+
+
+@kernel
+def _look_ahead(junction, results, ledger, at, number, settings):
+    """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
+    traffic, row, moved = junction[1], at.row, np.zeros((at.count, 2))
+    level = junction[2][number] if number >= 0 else math.nan
+    if number < 0:
+        _remove(traffic, row, at.ego)
+        traffic.ego[row] = -1
+    ledger.ahead[row] = math.nan
+    for later in range(AHEAD):
+        _drive(junction, results, at, level, settings, moved)
+        for vehicle in range(at.count):
+            state = results.vehicles[row, vehicle]
+            if later == 0 and vehicle != at.ego and state.status == PRESENT:
+                ledger.ahead[row, vehicle, 0] = state.speed
+    for vehicle in range(at.count):
+        if not math.isnan(ledger.ahead[row, vehicle, 0]):
+            ledger.ahead[row, vehicle, 1] = moved[vehicle, 0]
 
 
 def _entry(sources: int) -> Any:
     @entry_point
-    def run(road, traffic, episodes, with_ego, end, tally, first, last):
+    def run(command, results, ledger, rows, settings, junction, effects, first, last):
+        road, traffic = junction[0], junction[1]
         for row in range(first, last):
-            traffic.seed[row] = rules.hashed(episodes.seeds[row])
-            reset(road, traffic, row)
-            _drive(road, traffic, row, episodes, with_ego, end, tally)
+            if not rows[row] or command == PREPARE:
+                continue
+            recording = traffic.recording[row]
+            base, end = road.recording_first[recording], road.recording_first[recording + 1]
+            at = _Place(row, recording, base, end - base, traffic.ego[row])
+            if command == BEGIN:
+                _begin(junction, results, ledger, at, settings[0], effects[0])
+            elif command == ACCOUNT:
+                _account(junction, results, ledger, at, settings[0], effects[0])
+            else:
+                _look_ahead(junction, results, ledger, at, command - REPEAT, settings[0])
         return sources
 
     return run
 
 
-_run = _entry(fingerprint(__file__))
-
-
-def caused(batch: JunctionBatch, actor: Actor, seeds: np.ndarray) -> dict[str, np.ndarray]:
-    """Drive episodes, and return the columns of `Effects` that need no branches."""
-    world, options, effects = batch.world, batch.options, batch.world.effects
-    assert effects is not None
-    rows, frames = np.arange(len(seeds)), options.frames
-    batch.reset(seeds)
-    actor.begin(rows, seeds)
-    levels = np.full((len(seeds), options.decisions), np.nan)
-    sums = {name: np.zeros(len(seeds)) for name in ("env", "eq_4_2")}
-    ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
-    running, number = np.ones(len(seeds), bool), 0
-    while running.any():
-        action = np.broadcast_to(actor.decide(batch.observation, running), len(seeds))
-        levels[running, number] = batch.levels[action[running]]
-        decisions = batch.step(action, auto_reset=False, rows=running)
-        sums["env"] += np.where(running, decisions.rewards.env, 0.0)
-        sums["eq_4_2"] += np.where(running, decisions.rewards.social, 0.0)
-        ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
-        running &= decisions.ending == int(Ending.NONE)
-        number += 1
-    until = batch.traffic.step - batch.traffic.begun
-    episodes = Episodes(np.asarray(seeds, np.uint64), levels, until, ending)
-    steps, tow = effects.decisions(options) * frames, round(effects.tow_after / DT)
-    released = effects.after_timeout == "traffic"
-    end = _End(steps, frames, tow or steps, released, world.max_speed, world.config.slack)
-    driven, alone = (_driven(batch, episodes, with_ego, end) for with_ego in (True, False))
-    lost = np.nan_to_num(alone.place - driven.place)
-    kinds = driven.relation[..., None] == np.arange(len(RELATIONS))
-    delay, braking = (lost[..., None] * kinds).sum(axis=1), driven.braking - alone.braking
-    social = effects.delay_weight * delay.sum(axis=1) + effects.braking_weight * braking
-    social += effects.encounter_weight * driven.encounter.sum(axis=1)
-    social += effects.caused_collision_weight * (ending == _COLLIDED)
-    gap = driven.gap * DT
-    return {
-        **sums,
-        "social": social,
-        "ending": ending,
-        "at_fault": contact == int(Contact.EGO_STRUCK),
-        "delay": delay,
-        "braking": braking,
-        "gap": np.where(gap > LONGEST_GAP, np.inf, gap),
-        "helped": (lost <= -MOVED).sum(axis=1),
-        "harmed": (lost >= MOVED).sum(axis=1),
-    }
-
-
-def _driven(batch: JunctionBatch, episodes: Episodes, with_ego: bool, end: _End) -> Tally:
-    """Return what is counted in episodes that are driven again from their seeds."""
-    world, size = batch.world, len(episodes.seeds)
-    place, encounters = np.full((size, world.capacity), np.nan), end.steps // end.frames
-    relation, gap = np.full(place.shape, -1), np.full(size, np.inf)
-    tally = Tally(place, relation, np.zeros(size), gap, np.zeros((size, encounters)))
-    run_in_parts(_run, 1, size, world.road, Traffic.of(world, size), episodes, with_ego, end, tally)
-    return tally
+run = _entry(fingerprint(__file__))
+"""Carry out a command for some rows, as `highway.core.step.effects`; see `core.run`."""

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import collections
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from socialiq.errors import UserError
 from socialiq.physics import corners
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.gym import RoadEnv
-from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SIGNALS, SKIP, Buffers
+from socialiq.worlds.highway.effects import Ledger, record_of
+from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection.options import settings_of
-from socialiq.worlds.world import Actor, Decisions
-from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
+from socialiq.worlds.world import Decisions
+from socialiq_recordings.world.recorded_world import AS_DRIVER, SUB_STEPS, VEHICLE, RecordedWorld
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,8 +64,22 @@ class Traffic(NamedTuple):
         )
 
 
+_Ledger = collections.namedtuple("_Ledger", (*Ledger._fields, "times"))
+"""`Ledger`, and the first and last sub-steps at which ego and vehicle were in their conflict area,
+-1 for none, (row, vehicle, 4)."""
+
+
 class State(tuple[np.ndarray, ...]):
     """Arrays that are the complete state of some episodes: `Traffic`, and the batch's own."""
+
+    def arrays(self) -> State:
+        """Return all columns."""
+        return self
+
+    @staticmethod
+    def of(arrays: Sequence[np.ndarray]) -> State:
+        """Return the state of these columns."""
+        return State(arrays)
 
     def rows(self, chosen: Any) -> State:
         """Return the state of the chosen episodes; indices may repeat."""
@@ -78,15 +96,21 @@ class JunctionBatch(RoadBatch):
     """
 
     def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
-        options = world.options
-        if world.effects is not None:
-            world.effects.decisions(options)  # refuses a horizon within an episode
-        buffers = Buffers.of(options, np.dtype(np.int8), 0, size)
+        options, effects = world.options, world.effects
+        most = world.capacity if effects else 0
+        buffers = Buffers.of(options, VEHICLE, most, size, traced=effects is not None)
         super().__init__(options, buffers, settings_of(options), threads)
         self.world, self.traffic = world, Traffic.of(world, size)
-        self.n_actions = world.n_actions
+        self.n_actions, self.faster = world.n_actions, world.n_actions - 1
         # m/s²; the last is that of AS_DRIVER
         self.levels = np.array([*world.config.levels, np.nan])
+        if effects is not None:
+            self.effects, self._effects = effects, record_of(effects, options)
+            self._effects["first_arrival"] = 0  # recorded vehicles have their numbers
+            ledger = Ledger.of(self._effects, most, size)
+            self.ledger = cast(Any, _Ledger(*ledger, np.zeros((size, most, 4), np.int64)))
+            for vehicles in (buffers.after, buffers.before):
+                vehicles["identity"] = np.arange(most)
 
     @property
     def time(self) -> Float32[np.ndarray, " row"]:
@@ -103,10 +127,36 @@ class JunctionBatch(RoadBatch):
         return np.where(as_driver, AS_DRIVER, super()._checked(np.where(as_driver, 0, actions)))
 
     def _core(self) -> tuple[Any, Any, np.ndarray]:
-        from socialiq_recordings.world import core  # import Numba only when it is needed
+        from socialiq_recordings.world import core, effects  # import Numba only when it is needed
 
         junction = self.world.road, self.traffic, self.levels, self.world.config.slack
-        return core, junction, np.zeros(0)
+        return SimpleNamespace(run=core.run, effects=effects.run), junction, np.zeros(0)
+
+    def measure(self, command: int, rows: np.ndarray) -> None:
+        """Carry out a command of `highway.effects` in some rows, if effects are measured."""
+        if self.ledger is not None:
+            kept = [column.copy() for column in self.traffic]
+            super().measure(command, rows)  # drives the traffic on
+            for column, saved in zip(self.traffic, kept, strict=True):
+                column[:] = saved
+
+    @property
+    def egos(self) -> Int64[np.ndarray, " row"]:
+        """Identity of each ego."""
+        return self.traffic.ego.copy()
+
+    @property
+    def credited(self) -> Bool[np.ndarray, "row vehicle"]:
+        """Whether each vehicle of the last decision counts in Eq 4.2."""
+        return self.buffers.after["counted"]
+
+    def least_gaps(self) -> Float64[np.ndarray, " row"]:
+        """Return the least time between the ego's and another's presence in their area, s."""
+        ledger: Any = self.ledger
+        entered, left, they_entered, they_left = np.moveaxis(ledger.times, -1, 0)
+        apart = np.maximum(np.maximum(they_entered - left, entered - they_left) - 1, 0)
+        met = np.minimum(entered, they_entered) >= 0
+        return np.where(met, apart, np.inf).min(axis=1) / SUB_STEPS
 
     def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         again = command == DECIDE_AND_RESET
@@ -121,28 +171,20 @@ class JunctionBatch(RoadBatch):
     def _decisions(self) -> Decisions:
         results = self.buffers
         seen, pair = results.reached.reshape(self.size, -1), RewardPair(*results.rewards.T.copy())
-        signals: dict[str, np.ndarray] = dict(zip(SIGNALS, results.signals.T.copy(), strict=True))
+        signals = self._signals()
         touched = results.contact.copy(), results.neighbours_collided.copy()
         ending, speed = results.ending.copy(), results.speed.copy()
         return Decisions(seen.copy(), pair, ending, signals, speed, *touched)
 
-    def caused(self, actor: Actor, seeds: np.ndarray) -> dict[str, np.ndarray]:
-        """Drive one episode in each row, and return its columns of `evaluation.effects`."""
-        from socialiq_recordings.world.effects import caused  # imports Numba
-
-        return caused(self, actor, seeds)
-
-    def _arrays(self) -> tuple[np.ndarray, ...]:
-        return (*self.traffic, self.buffers.observation, self._waiting, self.begun)
-
-    def save(self) -> Any:
-        """Return a copy of the state of every episode."""
-        return State(column.copy() for column in self._arrays())
+    @property
+    def _columns(self) -> Any:
+        own = self.buffers.observation, self._waiting, self.begun
+        return State((*self.traffic, *own, *(self.ledger or ())))
 
     def restore(self, state: Any) -> None:
         """Restore a saved state with as many rows; episodes go on from it undisturbed."""
-        for column, saved in zip(self._arrays(), state, strict=True):
-            column[:] = saved
+        super().restore(state)
+        self.begun[:] = state[len(self.traffic) + 2]
 
 
 class RecordedJunctionEnv(RoadEnv):

@@ -200,4 +200,8 @@ def annotate(road, traffic, row, base, count, progress, ending, settings, result
     within = road.zone[vehicle, 0] <= ego_along <= road.zone[vehicle, 1]
     braking = np.empty(count, np.bool_)
     rewards.social_signals(speed, within, counted, lost, ending, settings, signals, braking)
+    if results.braking.shape[1]:
+        for number in range(count):
+            results.braking[at, number] = braking[number]
+            results.after[at, number].counted = counted[number]
     pair[0], pair[1] = rewards.pair(signals, settings)

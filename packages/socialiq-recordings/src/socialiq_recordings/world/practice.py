@@ -28,6 +28,7 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_counts, check_seed, check_shares
 from socialiq.types import Policy
 from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.replay import MADE_BY
 
 ANGLES = 7  # angles at which a dial practises, from its least to its largest
 
@@ -76,8 +77,13 @@ def train_with_practice(
 
     Each training begins with new weights, and each run practises on episodes of its own.
     `callbacks` gets the number of practised rounds and the name of a stage, each `chunk` updates.
-    Raises as `learners.dial.offline.train`.
+    Raises as `learners.dial.offline.train`, and a UserError if the rewards differ.
     """
+    if world.effects and demonstrations.source.get("made_by") == MADE_BY:
+        raise UserError(
+            "demonstrations of recorded drivers have the rewards of Eq 4.2, not of what is caused: "
+            "give episodes of this world (`socialiq collect WORLD --driver POLICY`)"
+        )
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
 
     def learn(number: int) -> dict[str, Trained]:

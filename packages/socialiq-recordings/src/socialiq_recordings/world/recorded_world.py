@@ -110,6 +110,19 @@ LAYOUT: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 """Arrays of a world: type, and shape of one row. Vehicles are numbered over all recordings; pair
 (i, j) of a recording of n vehicles is at n i + j."""
 
+VEHICLE = np.dtype(
+    [
+        ("along", np.float64),  # coordinate on its way, m
+        ("speed", np.float64),  # m/s, NaN before it enters
+        ("identity", np.int32),  # number in its recording
+        ("status", np.int8),  # `traffic.WAITING`, PRESENT or GONE
+        ("counted", np.bool_),  # in Eq 4.2
+        ("crashed", np.bool_),  # never in an episode of the ego
+    ],
+    align=True,
+)
+"""Record of a vehicle where the effects of the ego are measured."""
+
 Road = collections.namedtuple("Road", list(LAYOUT))
 """Arrays that the compiled core reads."""
 
@@ -131,7 +144,7 @@ class RecordedWorld(RoadWorld):
     provenance: dict[str, Any]  # recordings, calibration and counts, as JSON
     sha256: str = ""  # of the file's content; "" if it was not read from a file
     name: str = "recorded-junction"  # name in hashes, the same for every file
-    effects: EffectOptions | None = None  # of the measure of effects; rewards stay Eq 4.1 and 4.2
+    effects: EffectOptions | None = None
 
     drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
     references: ClassVar[tuple[str, ...]] = drivers
@@ -140,6 +153,7 @@ class RecordedWorld(RoadWorld):
     def description(self) -> str:
         """Format and SHA-256 of the file's content as JSON with sorted keys."""
         described = {"content": self.sha256, "format": SCHEMA_VERSION, "name": self.name}
+        described |= {"effects": dataclasses.asdict(self.effects)} if self.effects else {}
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
 
     @property
@@ -192,6 +206,8 @@ class RecordedWorld(RoadWorld):
             UserError: If the file can't be written.
         """
         header: dict[str, Any] = {"config": dataclasses.asdict(self.config)}
+        if self.effects:
+            header["config"]["effects"] = dataclasses.asdict(self.effects)
         header |= {"max_speed": self.max_speed, "provenance": self.provenance}
         arrays = self.road._asdict()
         return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header, replace)
@@ -206,8 +222,9 @@ class RecordedWorld(RoadWorld):
         arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
         for fault in _faults(arrays, header):
             raise UserError(f"{path} {fault}: make the world again with `socialiq data world`")
-        options = header["config"]
+        options = dict(header["config"])
         try:
+            effects = EffectOptions(**options.pop("effects")) if "effects" in options else None
             speeds = tuple(options["rewards"]["target_speeds"])
             rewards = Options(**options["rewards"] | {"target_speeds": speeds})
             levels = tuple(options["levels"])
@@ -218,7 +235,7 @@ class RecordedWorld(RoadWorld):
             ) from error
         road = Road(**{name: np.ascontiguousarray(arrays[name]) for name in LAYOUT})
         names = ("max_speed", "provenance", "sha256")
-        return RecordedWorld(road, config, *(header[name] for name in names))
+        return RecordedWorld(road, config, *(header[name] for name in names), effects=effects)
 
 
 def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[str]:

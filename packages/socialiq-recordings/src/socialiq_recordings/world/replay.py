@@ -13,8 +13,9 @@ from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import Buffers
 from socialiq.worlds.intersection.options import settings_of
 from socialiq_recordings.world.gym import Traffic
-from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld
+from socialiq_recordings.world.recorded_world import SUB_STEPS, VEHICLE, RecordedWorld
 
+MADE_BY = "socialiq data world"
 HUMAN, SIMULATED = MODES = ("human", "simulated")
 """Modes of recorded drivers, by whether the recording shows signs of a simulation."""
 
@@ -58,8 +59,13 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
         as_human: Whether vehicles of simulated recordings get the mode of people, too.
 
     Raises:
-        UserError: If no vehicle is seen for a whole decision.
+        UserError: If no vehicle is seen for a whole decision, or the world rewards what is caused.
     """
+    if world.effects:
+        raise UserError(
+            "a recording has no episode without its driver: demonstrations of the recorded are of "
+            "Eq 4.2; drive a policy in this world (`socialiq collect WORLD --driver POLICY`)"
+        )
     runs = [
         (vehicle, steps)
         for vehicle in world.road.egos.tolist()
@@ -95,7 +101,7 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
         mode=simulated[recording[rows]],
         mode_names=MODES,
         n_actions=world.n_actions,
-        source={"made_by": "socialiq data world", "world": world.provenance, "every": every},
+        source={"made_by": MADE_BY, "world": world.provenance, "every": every},
     )
     signals, residual = results.signals[rows], misses[np.arange(len(rows)), action]
     speed = results.speed[rows + 1]
@@ -129,7 +135,7 @@ def _results(
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
 
-    results = Buffers.of(world.options, np.dtype(np.int8), 0, len(steps))
+    results = Buffers.of(world.options, VEHICLE, 0, len(steps))
     egos = vehicle - world.road.recording_first[recording]
     moments = (recording.astype(np.int64), egos.astype(np.int64), steps.astype(np.int64))
     state = world.road, Traffic.of(world, 1), results

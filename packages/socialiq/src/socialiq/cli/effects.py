@@ -97,8 +97,7 @@ class EffectsOf(Printing):
         short = {name: Path(name).name for name in self.policy}
         if len({*short.values()}) == len(short):  # paths would be broken over lines
             rows = [row | {"policy": short[row["policy"]]} for row in rows]
-        heading = _HEADING + (_JUDGED if PRINTED[-1] in names else "")
-        print_table([{name: row[name] for name in names} for row in rows], heading)
+        print_table([{name: row[name] for name in names} for row in rows], _HEADING)
         return 0
 
     def driven(self, episodes: list[Row]) -> tuple[list[Row], Row]:
@@ -156,9 +155,9 @@ class EffectsOf(Printing):
 
 _HEADING = (
     "delay: metres (cells) that others lose in an episode; braking: hard brakings caused; gap: "
-    "post-encroachment time"
+    "post-encroachment time; of_charged, of_caused, of_credited: shares of what Eq 4.2 charges, "
+    "of what is caused, and of what it credits"
 )
-_JUDGED = "; the last three: shares by which Eq 4.2 charges and credits"
 
 
 def by_episode(effects: Effects, seeds: np.ndarray) -> list[Row]:

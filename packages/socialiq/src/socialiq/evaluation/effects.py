@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -36,13 +36,12 @@ BRAKES = 1.0  # m/s lost in a decision, from which a vehicle brakes
 GAINED = 0.5  # m in the decisions ahead, from which a credited vehicle gains or loses
 
 
+Road = TypeVar("Road", bound=RoadWorld)
 Counts = Int64[np.ndarray, " episode"]
 
 
 class Effects(NamedTuple):
     """Effects of a driver, a row for each episode; counts are of vehicles and decisions.
-
-    Recorded junctions don't judge Eq 4.2 by decisions: there the counts from `charged` on are None.
 
     Attributes:
         totals: Sums of r_env and of the reward of effects.
@@ -52,6 +51,7 @@ class Effects(NamedTuple):
         delay: Metres that others lost, by `RELATIONS`.
         braking: Hard brakings that the ego caused, less those that it prevented.
         gap: Least post-encroachment time to a vehicle of another approach, s; infinite above 5 s.
+            At a recorded junction of who has a conflict area with the ego.
         helped: Vehicles that drive at least 1 m more than without the ego.
         harmed: Vehicles that drive at least 1 m less.
         charged: Brakings that Eq 4.2 charges.
@@ -72,13 +72,13 @@ class Effects(NamedTuple):
     gap: Float[np.ndarray, " episode"]
     helped: Int64[np.ndarray, " episode"]
     harmed: Int64[np.ndarray, " episode"]
-    charged: Counts | None = None
-    not_caused: Counts | None = None
-    caused: Counts | None = None
-    missed: Counts | None = None
-    credited: Counts | None = None
-    gained: Counts | None = None
-    lost: Counts | None = None
+    charged: Counts
+    not_caused: Counts
+    caused: Counts
+    missed: Counts
+    credited: Counts
+    gained: Counts
+    lost: Counts
 
 
 _COUNTS = "charged", "not_caused", "caused", "missed", "credited", "gained", "lost"
@@ -107,17 +107,18 @@ def measure(world: RoadWorld, policy: Policy, seeds: Sequence[int] | np.ndarray)
     return Effects(totals=totals, **columns)
 
 
-def measuring(world: RoadWorld, **options: Any) -> RoadWorld:
+def measuring(world: Road, **options: Any) -> Road:
     """Return the road with the measure of effects, which changes only vehicles that come later."""
-    return world if world.effects else replace(cast(Any, world), effects=EffectOptions(**options))
+    effects = replace(world.effects or EffectOptions(), **options)
+    return replace(cast(Any, world), effects=effects)
 
 
 @runtime_checkable
-class Causing(Protocol):
-    """Episodes side by side of a road that drives them with and without the ego by itself."""
+class _Noting(Protocol):
+    """Episodes side by side that note by themselves when vehicles are at one place."""
 
-    def caused(self, actor: Actor, seeds: np.ndarray) -> dict[str, np.ndarray]:
-        """Drive one episode in each row; return columns of `Effects`, `env` and `social` apart."""
+    def least_gaps(self) -> Float[np.ndarray, " row"]:
+        """Return the least post-encroachment time of each episode, s."""
         ...
 
 
@@ -146,22 +147,19 @@ def _drive(
     batch: RoadBatch, actor: Actor, seeds: np.ndarray, judging: bool = True
 ) -> dict[str, np.ndarray]:
     """Return the columns of `Effects` of episodes that begin together, judging Eq 4.2 or not."""
-    if isinstance(batch, Causing):
-        return batch.caused(actor, seeds)
-    rows = np.arange(len(seeds))
     batch.reset(seeds)
-    actor.begin(rows, seeds)
-    ledger, buffers, options = batch.ledger, batch.buffers, batch.options
+    actor.begin(np.arange(len(seeds)), seeds)
+    ledger, egos, options = batch.ledger, batch.egos, batch.options
     assert ledger is not None
     weights = [getattr(options, f"{name}_weight") for name in SOCIAL_SIGNALS]
-    tracks = np.full((*ledger.relation.shape, options.decisions * options.frames, 3), np.nan, "f4")
-    egos = buffers.vehicles["identity"][rows, buffers.episodes["controlled"][:, 0]]
+    shape = (*ledger.relation.shape, options.decisions * options.frames, 3)
+    tracks = np.full((0,) if isinstance(batch, _Noting) else shape, np.nan, "f4")
     sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
     counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
     ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
     running, number = np.ones(len(seeds), bool), 0
     while running.any():
-        action = actor.decide(batch.observation, running)
+        action = np.broadcast_to(actor.decide(batch.observation, running), len(seeds))
         ahead = _looks_ahead(batch, action, running) if judging else None
         decisions = batch.step(action, auto_reset=False, rows=running)
         eq_4_2 = sum(
@@ -174,12 +172,17 @@ def _drive(
             judged = _judged(batch, ahead, egos, decisions.signals["yielding"])
             for name, column in judged.items():
                 counts[name] += np.where(running, column, 0)
-        frames = slice(number * options.frames, (number + 1) * options.frames)
-        _follow(batch, running, tracks[:, :, frames])
+        if tracks.size:
+            frames = slice(number * options.frames, (number + 1) * options.frames)
+            _follow(batch, running, tracks[:, :, frames])
         ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
         running &= decisions.ending == int(Ending.NONE)
         number += 1
     lost = ledger.without[..., 0] - ledger.driven[..., 0]
+    if isinstance(batch, _Noting):
+        gap = batch.least_gaps()
+    else:
+        gap = _gaps(tracks, egos, ledger.relation, options.simulation_frequency)
     kinds = ledger.relation[..., None] == np.arange(len(RELATIONS))
     in_both = (ledger.relation >= 0) & (ledger.without[..., 0] > 0) & (ledger.driven[..., 0] > 0)
     return {
@@ -188,7 +191,7 @@ def _drive(
         "ending": ending,
         "at_fault": contact == int(Contact.EGO_STRUCK),
         "delay": (lost[..., None] * kinds).sum(axis=1),
-        "gap": _gaps(tracks, egos, ledger.relation, options.simulation_frequency),
+        "gap": np.where(gap > LONGEST_GAP, np.inf, gap),
         "helped": (in_both & (lost <= -MOVED)).sum(axis=1),
         "harmed": (in_both & (lost >= MOVED)).sum(axis=1),
     }
@@ -208,9 +211,10 @@ def _looks_ahead(batch: RoadBatch, action: np.ndarray, running: np.ndarray) -> _
     batch.measure(ABSENT, running)
     absent_speed = ledger.ahead[..., 0].copy()
     repeated = np.full_like(absent_speed, np.nan)
-    for number in range(batch.n_actions):
+    for number in np.unique(action[running]).tolist():
         taking = running & (action == number)
-        batch.measure(REPEAT + number, taking)
+        # below 0 it drives as others do, which is behind the actions
+        batch.measure(REPEAT + (number if number >= 0 else batch.n_actions), taking)
         repeated[taking] = ledger.ahead[taking, :, 1]
     batch.measure(REPEAT + batch.faster, running)
     return _Ahead(absent_speed, repeated, ledger.ahead[..., 1].copy())
@@ -220,8 +224,8 @@ def _judged(
     batch: RoadBatch, ahead: _Ahead, egos: np.ndarray, yielding: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the counts of the last decision: charges and credits of Eq 4.2 against causes."""
-    buffers, options = batch.buffers, batch.options
-    before, after, rows = buffers.before, buffers.after, np.arange(batch.size)
+    buffers = batch.buffers
+    before, after = buffers.before, buffers.after
     slots = np.arange(before.shape[1])
     identity = after["identity"]
     others = (slots < buffers.present[:, :1]) & (identity != egos[:, None]) & ~after["crashed"]
@@ -229,9 +233,7 @@ def _judged(
     slowed = others & (absent - after["speed"] > SLOWED)  # NaN compares as false
     charged = others & ~np.isnan(absent) & buffers.braking
     caused = slowed & (before["speed"] - after["speed"] > BRAKES)
-    ego = after[rows, buffers.present[:, 1]]
-    apart = np.hypot(after["x"] - ego["x"][:, None], after["y"] - ego["y"][:, None])
-    credited = others & (yielding > 0)[:, None] & (apart <= options.conflict_distance)
+    credited = others & (yielding > 0)[:, None] & batch.credited
     gain = np.take_along_axis(
         ahead.repeated - ahead.accelerating, identity.astype(np.int64), axis=1
     )
@@ -313,8 +315,6 @@ def summary(effects: Effects) -> Row:
     for name, ending in (("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)):
         row |= share(name, effects.ending == int(ending))
     row |= share("at_fault", effects.at_fault)
-    if effects.charged is None:
-        return row
     sums = {name: int(getattr(effects, name).sum()) for name in _COUNTS}
 
     def ratio(part: str, of: str) -> Row:

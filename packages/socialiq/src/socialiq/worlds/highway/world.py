@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Integer
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
@@ -150,6 +150,22 @@ class RoadBatch(abc.ABC):
         arguments = self.ledger, rows, self._settings, road, self._effects
         run_in_parts(core.effects, self._threads, self.size, command, self.buffers, *arguments)
 
+    @property
+    def egos(self) -> Integer[np.ndarray, " batch"]:
+        """Identity of each ego."""
+        buffers = self.buffers
+        return buffers.vehicles["identity"][
+            np.arange(self.size), buffers.episodes["controlled"][:, 0]
+        ]
+
+    @property
+    def credited(self) -> Bool[np.ndarray, "batch slot"]:
+        """Whether each vehicle is near the ego after the last decision, as Eq 4.2 counts them."""
+        after = self.buffers.after
+        ego = after[np.arange(self.size), self.buffers.present[:, 1]]
+        apart = np.hypot(after["x"] - ego["x"][:, None], after["y"] - ego["y"][:, None])
+        return apart <= self.options.conflict_distance
+
     def _checked(self, actions: Any) -> np.ndarray:
         """Return a whole number for each agent, int64, in one row; refuse other actions."""
         chosen = np.asarray(actions)
@@ -270,16 +286,17 @@ class RoadBatch(abc.ABC):
         return dict(zip(names, columns, strict=True))
 
     @property
-    def _columns(self) -> State:
+    def _columns(self) -> Any:
         buffers = self.buffers
         rows = buffers.observation.reshape(self.size, -1, len(FEATURES))  # of all agents, no copy
         return State(buffers.episodes, buffers.vehicles, rows, self._waiting, self.ledger)
 
-    def save(self) -> State:
+    def save(self) -> Any:
         """Return a copy of the state of every episode."""
-        return State.of([column.copy() for column in self._columns.arrays()])
+        columns = self._columns
+        return type(columns).of([column.copy() for column in columns.arrays()])
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: Any) -> None:
         """Restore a state of this size and these options; episodes go on with identical bits."""
         columns, values = self._columns.arrays(), state.arrays()
         if len(columns) != len(values):
