@@ -12,7 +12,7 @@ from socialiq.page.webassembly import build, equality
 from socialiq.page.webassembly.equality import compared, in_node, native
 from socialiq.page.webassembly.layout import CORE
 from socialiq.storage import packaged_results, read_json
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import FleetOptions, Options
 from socialiq.worlds.intersection.policies import policy
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
@@ -39,6 +39,20 @@ def test_options_reach_it():
     mine = native(options, SEEDS[:20], policy("gap_2s"))
     found = compared(mine, in_node(options, SEEDS[:20], mine.actions))
     assert found.same_endings == 20
+    assert found.close_states >= 0.9 * found.observations
+
+
+@pytest.mark.parametrize("name", ["gap_3s", "random"])
+def test_fleets_are_the_same(name):
+    options = FleetOptions(agents=8, spawn_probability=0.6, duration=30.0)
+    mine = native(options, SEEDS[:20], policy(name))
+    found = compared(
+        mine, in_node(options, SEEDS[:20], mine.actions), policy(name) if name != "random" else None
+    )
+    assert mine.actions.shape[1:] == (20, 8) and len({*mine.arrays["ending"][-1].tolist()}) > 1
+    assert found.same_endings == found.episodes == 160
+    assert found.same_decisions == found.decisions
+    assert found.equal_observations >= 0.95 * found.observations
     assert found.close_states >= 0.9 * found.observations
 
 

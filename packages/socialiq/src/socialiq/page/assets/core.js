@@ -48,7 +48,8 @@ export class Core {
 
   /** Carry out the commands in `arrays.commands`. */
   run() {
-    const status = this.program.step_rows(...this.pointers, this.rows, this.traced);
+    const { agents, capacity } = this.layout;
+    const status = this.program.step_rows(...this.pointers, this.rows, this.traced, agents, capacity);
     if (status !== 0) throw new Error(`the core stopped with status ${status}`);
   }
 
@@ -59,11 +60,11 @@ export class Core {
     this.arrays.seeded[row] = 1;
   }
 
-  /** Decide in a row; `run` carries it out. */
-  decide(row, action) {
+  /** Decide in a row, an action for each agent; `run` carries it out. */
+  decide(row, ...actions) {
     this.arrays.commands[row] = this.layout.commands.decide;
     this.arrays.seeded[row] = 0;
-    this.arrays.actions[row] = BigInt(action);
+    this.arrays.actions.set(actions.map(BigInt), row * this.layout.agents);
   }
 
   /** Leave a row as it is in the next `run`. */
@@ -87,9 +88,11 @@ export class Core {
     return (index) => read(first + index * size);
   }
 
-  /** Return a row's observation, a view of the core's memory. */
-  observation(row) {
-    const length = this.arrays.observation.length / this.rows;
-    return this.arrays.observation.subarray(row * length, (row + 1) * length);
+  /** Return what an agent of a row observes, a view of the core's memory. */
+  observation(row, agent = 0) {
+    const { agents } = this.layout;
+    const length = this.arrays.observation.length / (this.rows * agents);
+    const first = (row * agents + agent) * length;
+    return this.arrays.observation.subarray(first, first + length);
   }
 }

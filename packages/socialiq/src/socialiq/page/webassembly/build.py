@@ -24,37 +24,38 @@ from socialiq.worlds.intersection.options import Options, buffers_of
 
 
 def entry_of(options: Options) -> Callable[..., None]:
-    """Return the function to compile: pointers to arrays, whose shapes follow from the options."""
+    """Return the function to compile: pointers to arrays, with the options' sight and sub-steps."""
     # Not from the cache of the native one.
     run: Any = numba.njit(step.run.py_func, error_model="numpy")
-    capacity, frames = options.capacity, options.frames
-    observed, features, signals_of = options.observed_vehicles, len(FEATURES), len(SIGNALS)
+    frames, signals_of = options.frames, len(SIGNALS)
+    observed, features = options.observed_vehicles, len(FEATURES)
 
     def entry(
         episodes, vehicles, before, after, present, reached, observation, signals, rewards,
         classical, speed, ending, contact, neighbours_collided, braking, trace,
-        commands, entropy, seeded, actions, settings, rows, traced,
+        commands, entropy, seeded, actions, settings, rows, traced, agents, capacity,
     ):  # fmt: skip
+        seen = rows * agents, observed, features
         buffers = Buffers(
             carray(episodes, (rows,)),
             carray(vehicles, (rows, capacity)),
             carray(before, (rows, capacity)),
             carray(after, (rows, capacity)),
-            carray(present, (rows, 2)),
-            carray(reached, (rows, observed, features)),
-            carray(observation, (rows, observed, features)),
-            carray(signals, (rows, signals_of)),
-            carray(rewards, (rows, 2)),
-            carray(classical, (rows, 2)),
-            carray(speed, (rows,)),
-            carray(ending, (rows,)),
-            carray(contact, (rows,)),
-            carray(neighbours_collided, (rows,)),
-            carray(braking, (rows, capacity)),
+            carray(present, (rows, 1 + agents)),
+            carray(reached, seen),
+            carray(observation, seen),
+            carray(signals, (rows * agents, signals_of)),
+            carray(rewards, (rows * agents, 2)),
+            carray(classical, (rows * agents, 2)),
+            carray(speed, (rows * agents,)),
+            carray(ending, (rows * agents,)),
+            carray(contact, (rows * agents,)),
+            carray(neighbours_collided, (rows * agents,)),
+            carray(braking, (rows * agents, capacity)),
             carray(trace, (traced, frames, capacity)),
         )
         inputs = carray(commands, (rows,)), carray(entropy, (rows,)), carray(seeded, (rows,))
-        run(buffers, *inputs, carray(actions, (rows,)), carray(settings, (1,)), 0, 0, rows)
+        run(buffers, *inputs, carray(actions, (rows * agents,)), carray(settings, (1,)), 0, 0, rows)
 
     return entry
 
@@ -81,7 +82,7 @@ def intermediate() -> str:
     """Return the unoptimised LLVM code of the entry point and all that it calls."""
     arrays = [array.dtype for array in buffers_of(Options(), 1, traced=True)]
     pointers = [types.CPointer(numba.from_dtype(array)) for array in (*arrays, *ARGUMENTS.values())]
-    signature = types.void(*pointers, types.int32, types.int32)  # rows and traced rows
+    signature = types.void(*pointers, *4 * [types.int32])  # numbers, as of `layout.ARGUMENTS`
     plain = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = numba.njit(signature, **plain)(entry_of(Options()))
     (result,) = compiled.overloads.values()

@@ -23,7 +23,6 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.webassembly.build import elementary_functions
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, write_json
-from socialiq.types import Ending
 from socialiq.worlds.highway.options import EPISODE
 from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
 from socialiq.worlds.intersection.policies import policy as reference_policy
@@ -39,8 +38,9 @@ MOST = 500
 class Replay(NamedTuple):
     """Episodes side by side, all steps.
 
-    Actions are int, (steps, episodes); -1 after an episode's end. The arrays are those of `KEPT`,
-    with the states after the reset and after each step, (steps + 1, episodes, ...).
+    Actions are int, (steps, episodes), of fleets (steps, episodes, agents); -1 after the end. The
+    arrays are those of `KEPT`, with the states after the reset and after each step,
+    (steps + 1, episodes, ...); observations and results have a row for each agent in turn.
     """
 
     actions: np.ndarray
@@ -51,13 +51,13 @@ def native(options: Options, seeds: np.ndarray, policy: Any) -> Replay:
     """Drive the native core by a policy from these seeds until every episode has ended."""
     batch = Batch(options, len(seeds))
     batch.reset(seeds)
-    alive = np.ones(len(seeds), bool)
     states, actions = {name: [getattr(batch.buffers, name).copy()] for name in KEPT}, []
-    while alive.any():
-        chosen = np.asarray(policy.predict(batch.seen_by(policy), deterministic=True)[0])
-        batch.step(chosen, auto_reset=False, rows=alive)
-        actions.append(np.where(alive, chosen, -1))
-        alive = alive & (batch.buffers.ending == int(Ending.NONE))
+    while batch.running.any():
+        driving = (batch.driving.T & batch.running).T
+        seen = batch.seen_by(policy)
+        chosen = policy.predict(seen.reshape(-1, seen.shape[-1]), deterministic=True)[0]
+        actions.append(np.where(driving, np.reshape(chosen, batch.shape), -1))
+        batch.step(np.maximum(actions[-1], 0), auto_reset=False, rows=batch.running)
         for name in KEPT:
             states[name].append(getattr(batch.buffers, name).copy())
     return Replay(np.stack(actions), {name: np.stack(arrays) for name, arrays in states.items()})
@@ -110,6 +110,8 @@ CLOSE = 1e-9
 class Equality:
     """Counts of a comparison; a pair of equal things is counted, and all pairs.
 
+    A fleet's episode counts once for each agent, and its states for those that drive.
+
     Attributes:
         episodes: Number of episodes.
         same_endings: Episodes with the same ending after the same number of decisions.
@@ -143,13 +145,14 @@ def compared(reference: Replay, compiled: Replay, policy: Any = None) -> Equalit
     The driver is asked again on what it sees in the second one; None doesn't look, so that every
     decision is the same.
     """
-    decided = reference.actions >= 0
+    steps = len(reference.actions)
+    decided = reference.actions.reshape(steps, -1) >= 0
     there = np.vstack([np.ones_like(decided[:1]), decided])  # states that an episode reached
     ours, arrays = reference.arrays, compiled.arrays
     equal_inputs = (ours["observation"] == arrays["observation"]).all(axis=(2, 3))
     apart = np.abs(ours["rewards"] - arrays["rewards"]).max(axis=2)[1:]
     ended = ours["ending"] == arrays["ending"]
-    again = compiled.actions
+    again = compiled.actions.reshape(steps, -1)
     if policy is not None:
         observations = arrays["observation"][:-1]
         inputs = observations.reshape(-1, observations.shape[2] * observations.shape[3])
@@ -171,11 +174,13 @@ def compared(reference: Replay, compiled: Replay, policy: Any = None) -> Equalit
             same = left == right
             same = (same | absent).all(axis=2) if record == "vehicles" else same
             equal &= same.reshape(*equal.shape, -1).all(axis=2)
+    agents = decided.shape[1] // count.shape[1]
+    equal, gap = np.repeat(equal, agents, axis=1), np.repeat(gap, agents, axis=1)
     return Equality(
         episodes=decided.shape[1],
         same_endings=int((ended | ~there).all(axis=0).sum()),
         decisions=int(decided.sum()),
-        same_decisions=int((again == reference.actions)[decided].sum()),
+        same_decisions=int((again == reference.actions.reshape(steps, -1))[decided].sum()),
         observations=int(there.sum()),
         equal_observations=int(equal_inputs[there].sum()),
         equal_rewards=int((apart == 0)[decided].sum()),

@@ -25,13 +25,13 @@ def layout(options: Options) -> dict[str, Any]:
     """Return what a program that loads the core has to know of a scenario, JSON-compatible.
 
     `records`: size and fields (type, offset) of each kind of record; `arrays`: name, type and shape
-    of a row, in the order of the entry point's arguments; `settings`, as base64; names and numbers.
+    for an episode, in the order of the entry point's arguments; `settings`, as base64; names and
+    numbers.
     """
     buffers = buffers_of(options, 1, traced=True)
-    arrays = [
-        _array(name, array.dtype, array.shape[1:]) for name, array in buffers._asdict().items()
-    ]
-    arrays += [_array(name, kind, ()) for name, kind in ARGUMENTS.items()]
+    arrays = [_array(name, array.dtype, array.shape) for name, array in buffers._asdict().items()]
+    for name, kind in ARGUMENTS.items():
+        arrays.append(_array(name, kind, (options.agents if name == "actions" else 1,)))
     return {
         "records": {
             name: {
@@ -55,6 +55,7 @@ def layout(options: Options) -> dict[str, Any]:
         "frames": options.frames,
         "decisions": options.decisions,
         "decision_seconds": 1 / options.policy_frequency,
+        "agents": options.agents,
         "capacity": options.capacity,
         "vehicle_length": geometry.VEHICLE_LENGTH,
         "vehicle_width": geometry.VEHICLE_WIDTH,
@@ -76,4 +77,5 @@ ARGUMENTS = {
     "actions": np.dtype(np.int64),
     "settings": SETTINGS,
 }
-"""Name and type of each, up to the numbers of rows; there is one record of settings for all."""
+"""Name and type of each; there is one record of settings for all. The numbers of rows, of traced
+rows, of agents and of an episode's vehicles follow."""

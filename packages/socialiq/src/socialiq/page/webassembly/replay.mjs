@@ -1,6 +1,7 @@
 // Replay decisions in the compiled core, in Node: `node replay.mjs CORE LAYOUT JOB OUT`.
 //
-// JOB holds the seeds of the episodes and the decisions of each step, -1 where an episode has ended.
+// JOB holds the seeds of the episodes and the decisions of each step, -1 where an episode has ended,
+// or an agent of it: those of several agents are a list.
 // OUT gets, for the reset and after each step, the arrays of `kept` as they are in memory.
 
 import { readFileSync, writeFileSync, appendFileSync } from "node:fs";
@@ -23,7 +24,10 @@ seeds.forEach((seed, row) => episodes.begin(row, seed));
 episodes.run();
 write();
 for (const actions of decisions) {
-  actions.forEach((action, row) => (action < 0 ? episodes.skip(row) : episodes.decide(row, action)));
+  actions.map((action) => [action].flat()).forEach((ofAgents, row) => {
+    if (Math.max(...ofAgents) < 0) episodes.skip(row);
+    else episodes.decide(row, ...ofAgents.map((action) => Math.max(action, 0)));
+  });
   episodes.run();
   write();
 }
