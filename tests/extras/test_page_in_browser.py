@@ -112,7 +112,7 @@ def test_one_drives_and_downloads_demonstrations(tab, address, tmp_path):
 def test_nothing_is_wider_than_the_window(tab, address, width):
     tab.set_viewport_size({"width": width, "height": 900})
     go(tab, address, "#step=30")
-    for name in ("turn", "drive", "grid", "about"):
+    for name in ("turn", "drive", "grid", "fleet", "about"):
         tab.click(f"#tab-{name}")
         assert tab.evaluate("document.documentElement.scrollWidth") <= width, name
 
@@ -131,6 +131,30 @@ def test_the_dial_turns_over_the_exact_front(tab, address):
     tab.reload(wait_until="commit")
     tab.wait_for_selector("html[data-ready]", state="attached")
     assert tab.get_attribute("#grid-dial", "aria-valuenow") == "90"
+
+
+def test_three_fleets_are_counted_as_they_drive(tab, address):
+    go(tab, address, "#tab=fleet&fleet=30&trained=1&speed=4")
+    assert tab.locator("#fleet-stages strong").all_inner_texts() == [
+        "1 of 8 cars at 30°",
+        "4 of 8 cars at 30°",
+        "all 8 cars at 30°",
+    ]
+    assert {*tab.locator("#fleet-stages dd").all_inner_texts()} == {"0", "0.0"}
+    tab.locator("#fleet-dial").focus()
+    tab.keyboard.press("End")
+    tab.select_option("#fleet-trained", label="what it causes, trained among its like")
+    tab.evaluate("for (let second = 0; second < 45; second += 1) fleets.advance(); fleets.show()")
+    texts = tab.locator("#fleet-stages dd").all_inner_texts()
+    assert len(texts) == 12 and all(int(texts[scene]) > 0 for scene in (1, 5, 9))
+    assert tab.inner_text("#fleet-seed") != "seed 1"
+    assert "if all drive at 90° and not at 0°, fewer get through" in tab.inner_text(
+        "#fleet-measured"
+    )
+    tab.wait_for_url(lambda url: "fleet=90&trained=2" in url, wait_until="commit")
+    tab.reload(wait_until="commit")
+    tab.wait_for_selector("html[data-ready]", state="attached")
+    assert tab.get_attribute("#fleet-dial", "aria-valuenow") == "90"
 
 
 UNNAMED = """() => [...document.querySelectorAll(

@@ -14,12 +14,14 @@ from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.data import FAMILY, STUDY
+from socialiq.page.fleets import DIALS, OPTIONS, chosen_cars
 from socialiq.page.webassembly.equality import native
 from socialiq.page.webassembly.layout import CORE, layout
+from socialiq.population.fleet import drive
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
 
@@ -96,6 +98,24 @@ def test_networks_of_every_kind_have_the_same_values(
     _, (theirs, ours) = answers(path, 32.0, seen, tmp_path)
     assert np.ptp(ours, axis=0).min() > 0.001
     np.testing.assert_allclose(theirs, ours, atol=1e-6)
+
+
+@pytest.mark.parametrize(("angle", "count"), [(45.0, 4), (75.0, 8)])
+def test_fleets_end_as_those_of_the_package(angle, count, tmp_path):
+    path, seeds = packaged_results() / DIALS[2], np.arange(6, 14)
+    (tmp_path / "layout.json").write_text(json.dumps(layout(OPTIONS)))
+    words = CORE, tmp_path / "layout.json", path, angle, count, seeds[0], seeds[-1]
+    node("page_fleet.mjs", *words, tmp_path / "out.json")
+    theirs, dial = json.loads((tmp_path / "out.json").read_text()), DialPolicy.load(path)
+    policies, group = [dial.at(dial.low), dial.at(angle)], chosen_cars(seeds, count)
+    ours = drive(Intersection(OPTIONS), policies, group, seeds)
+    assert [row["endings"] for row in theirs["episodes"]] == ours.ending.tolist()
+    lasted = ours.seconds.max(axis=1)
+    assert [row["decisions"] for row in theirs["episodes"]] == lasted.tolist()
+    arrived, collided = ((ours.ending == end).sum() for end in (Ending.ARRIVAL, Ending.COLLISION))
+    assert collided > 0 and theirs["counts"]["collision"] == collided
+    assert theirs["counts"]["arrival"] == arrived and theirs["seconds"] == lasted.sum()
+    assert theirs["counts"]["rate"] == pytest.approx(60 * arrived / lasted.sum())
 
 
 def test_what_was_driven_is_a_file_that_train_learns_from(tmp_path):

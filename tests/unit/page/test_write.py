@@ -12,13 +12,22 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.data import CAUSED_STUDY, FAMILY, SEED, STUDY, measured, shipped_dial
+from socialiq.page.data import (
+    CAUSED_STUDY,
+    FAMILY,
+    FLEET_STUDY,
+    SEED,
+    STUDY,
+    measured,
+    shipped_dial,
+)
 from socialiq.page.webassembly.layout import CORE
 from socialiq.page.write import ASSETS, page, program
 from socialiq.storage import packaged_results
 
 DIAL = packaged_results() / STUDY / f"{FAMILY}.safetensors"
 CAUSED_DIAL = packaged_results() / CAUSED_STUDY / "dial.safetensors"
+FLEET_DIAL = packaged_results() / FLEET_STUDY / "dial.safetensors"
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +47,8 @@ def test_its_policy_names_its_program_and_its_styles_and_allows_no_request(text)
         assert f"'sha256-{base64.b64encode(digest).decode()}'" in policy
 
 
-def test_it_is_small_beside_its_two_dials_and_names_no_other_place(text):
-    dials = sum(4 * len(path.read_bytes()) / 3 for path in (DIAL, CAUSED_DIAL))
+def test_it_is_small_beside_its_dials_and_names_no_other_place(text):
+    dials = sum(4 * len(path.read_bytes()) / 3 for path in (DIAL, CAUSED_DIAL, FLEET_DIAL))
     assert len(text.encode()) < 300_000 + dials
     assert not re.search(r'(src|href)="', text)
     assert not re.findall(r"https?://(?!www\.w3\.org/2000/svg)", text)
@@ -49,8 +58,8 @@ def test_its_data_are_the_core_the_dial_and_the_curve(text):
     data = json.loads(part(text, '<script type="application/json" id="data">', "</script>"))
     assert base64.b64decode(data["core"]) == CORE.read_bytes()
     files = [base64.b64decode(dial["dial"]) for dial in data["dials"]]
-    assert files == [DIAL.read_bytes(), CAUSED_DIAL.read_bytes()]
-    assert [len(dial["curve"]) for dial in data["dials"]] == [19, 7]
+    assert files == [path.read_bytes() for path in (DIAL, CAUSED_DIAL, FLEET_DIAL)]
+    assert [len(dial["curve"]) for dial in data["dials"]] == [19, 7, 0]
     assert len(data["layout"]["lanes"]) == 20
 
 

@@ -100,6 +100,9 @@ def _corner(attainable: AttainableSet, number: int, table: Table) -> dict[str, A
 STUDY = "intersection-dial-clock"
 """Folder of the results with the page's dial: the dials that observe the time."""
 
+FLEET_STUDY = "population"
+"""Folder of the results with the dial that was trained among its like."""
+
 CAUSED_STUDY = "caused-effects"
 """Folder of the results with the dial that is rewarded for what it causes."""
 
@@ -180,6 +183,20 @@ def caused_dial() -> PageDial:
     )
     file = (folder / "dial.safetensors").read_bytes()
     return PageDial("what it causes", file, 0, 90, tuple(sorted(points)), source)
+
+
+def fleet_dial() -> PageDial:
+    """Return the dial of the study of populations, which the page turns in fleets alone: no curve.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
+    source = (
+        f"The dial among its like is the one of training seed 501 of the study {FLEET_STUDY}: the "
+        "dial of what it causes, improved in fleets of eight."
+    )
+    file = (packaged_results() / FLEET_STUDY / "dial.safetensors").read_bytes()
+    return PageDial("what it causes, trained among its like", file, 0, 90, (), source)
 
 
 def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, float, float]:

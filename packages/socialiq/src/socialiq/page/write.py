@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from socialiq.page.data import PageDial, caused_dial, crossing, shipped_dial
+from socialiq.page.data import PageDial, caused_dial, crossing, fleet_dial, shipped_dial
+from socialiq.page.fleets import fleet_data
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, read_json, write_atomically
 from socialiq.worlds.intersection.options import Options
@@ -70,9 +71,14 @@ def page(dial: PageDial | None = None) -> str:
     Raises:
         UserError: If the package was installed without the committed results.
     """
-    dials = [dial] if dial else [shipped_dial(), caused_dial()]
+    dials = [dial] if dial else [shipped_dial(), caused_dial(), fleet_dial()]
     counts = read_json(packaged_results() / "page-core" / "machine.json")["all"]
-    data = {**core(Options()), "dials": [of_dial(dial) for dial in dials], "crossing": crossing()}
+    data = {
+        **core(Options()),
+        "dials": [of_dial(dial) for dial in dials],
+        "crossing": crossing(),
+        "fleet": fleet_data(measured=dial is None),
+    }
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
     allowed = policy(script, style)
     blocks = {

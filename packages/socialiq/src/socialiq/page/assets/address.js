@@ -1,14 +1,22 @@
 // Everything shown, in the address after #, so that a link restores it.
 
-const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90], dial: [0, 1] };
-const WORDS = { view: ["side", "ghosts"], tab: ["turn", "drive", "grid", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
+const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90], dial: [0, 1], fleet: [0, 90], trained: [0, 2] };
+const WORDS = { view: ["side", "ghosts"], tab: ["turn", "drive", "grid", "fleet", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
 
-export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1", grid: 45, dial: 0 };
+export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1", grid: 45, dial: 0, fleet: 45, trained: 2 };
 
 /** Return the text after # for a state. */
 export function writeAddress(state) {
   const parts = Object.keys(FIRST).map((name) => `${name}=${state[name]}`);
   return `#${parts.join("&")}`;
+}
+
+let keeping;
+
+/** Write a state into the address, once it has not changed for a moment. */
+export function keepAddress(state) {
+  window.clearTimeout(keeping);
+  keeping = window.setTimeout(() => window.history.replaceState(null, "", writeAddress(state)), 150);
 }
 
 /**
@@ -29,8 +37,10 @@ export function readAddress(text, ranges = [[0, 90]]) {
   const right = angles.every((angle) => Number.isInteger(angle) && angle >= 0 && angle <= 90);
   if (right && angles.length >= 1 && angles.length <= 3) state.angles = angles;
   if (state.dial >= ranges.length) state.dial = FIRST.dial;
+  state.trained = Math.min(state.trained, ranges.length - 1);
   const [low, high] = ranges[state.dial];
-  state.angles = state.angles.map((angle) => Math.min(Math.max(angle, low), high));
+  const within = (angle) => Math.min(Math.max(angle, low), high);
+  [state.angles, state.fleet] = [state.angles.map(within), within(state.fleet)];
   state.chosen = Math.min(state.chosen, state.angles.length - 1);
   return state;
 }

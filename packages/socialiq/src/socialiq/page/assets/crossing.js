@@ -1,6 +1,6 @@
 // The third tab: the 7x7 world, where the best policy of every angle is known exactly.
 
-import { writeAddress } from "./address.js";
+import { keepAddress } from "./address.js";
 import { element, signed } from "./bars.js";
 import { Front } from "./front.js";
 import { Knob, svg } from "./knob.js";
@@ -24,8 +24,7 @@ export class Crossing {
   turn(angle) {
     this.state.grid = angle;
     this.show();
-    window.clearTimeout(this.keeping);
-    this.keeping = window.setTimeout(() => window.history.replaceState(null, "", writeAddress(this.state)), 150);
+    keepAddress(this.state);
   }
 
   /** Arrow keys turn the dial wherever the focus is; return whether one was meant. */

@@ -10,21 +10,22 @@ export class Recorder {
     const fields = (array) => ({
       numbers: NUMBERS.map((name) => core.field(array, name)),
       identity: core.field(array, "identity"),
+      agent: core.field(array, "agent"),
       yielding: core.field(array, "yielding"),
       crashed: core.field(array, "crashed"),
     });
     this.now = fields("vehicles");
     this.traced = fields("trace");
     this.count = core.field("episodes", "vehicles");
-    this.ego = core.field("episodes", "controlled");
   }
 
   /** Begin the episode of a seed. */
   begin(seed) {
     this.core.begin(0, seed);
     this.core.run();
-    this.film = { seed, frames: [], decisions: [], ending: 0 };
-    this.keep(this.now, 0, this.count(0), this.ego(0));
+    const { agents, endings } = this.core.layout;
+    this.film = { seed, frames: [], decisions: [], ending: endings.none, endings: new Array(agents).fill(endings.none) };
+    this.keep(this.now, 0, this.count(0));
     return this.film;
   }
 
@@ -33,37 +34,36 @@ export class Recorder {
     return this.core.observation(0);
   }
 
-  /** Take a decision; return false once the episode has ended. */
-  decide(action) {
+  /** Take a decision, an action for each agent; return false once the episode has ended. What is kept of it is the first agent's. */
+  decide(...actions) {
     const { core, film } = this;
     const { layout, arrays } = core;
     const before = this.observation.slice();
-    core.decide(0, action);
+    core.decide(0, ...actions);
     core.run();
     const count = Number(arrays.present[0]);
-    const ego = Number(arrays.present[1]);
-    for (let frame = 0; frame < layout.frames; frame += 1) {
-      this.keep(this.traced, frame * layout.capacity, count, ego);
-    }
+    for (let frame = 0; frame < layout.frames; frame += 1) this.keep(this.traced, frame * layout.capacity, count);
     const { identity } = film.frames[film.frames.length - 1];
     film.decisions.push({
-      action, before, after: this.observation.slice(),
-      rewards: [...arrays.rewards],
+      action: actions[0], before, after: this.observation.slice(),
+      rewards: [...arrays.rewards.subarray(0, 2)],
       signals: layout.weights.map((weight, number) => weight * arrays.signals[number]),
       braking: new Set(identity.filter((_, slot) => arrays.braking[slot])),
       contact: arrays.contact[0],
     });
-    film.ending = arrays.ending[0];
-    return film.ending === layout.endings.none;
+    film.endings = [...arrays.ending];
+    film.ending = film.endings[0];
+    return film.endings.includes(layout.endings.none);
   }
 
-  keep(from, first, count, ego) {
+  keep(from, first, count) {
     const frame = {
-      ego, count, identity: new Int32Array(count), yielding: new Uint8Array(count),
+      count, identity: new Int32Array(count), agent: new Int8Array(count), yielding: new Uint8Array(count),
       crashed: new Uint8Array(count), numbers: new Float64Array(count * NUMBERS.length),
     };
     for (let slot = 0; slot < count; slot += 1) {
       frame.identity[slot] = from.identity(first + slot);
+      frame.agent[slot] = from.agent(first + slot);
       frame.yielding[slot] = from.yielding(first + slot);
       frame.crashed[slot] = from.crashed(first + slot);
       from.numbers.forEach((read, place) => (frame.numbers[slot * NUMBERS.length + place] = read(first + slot)));
@@ -100,7 +100,7 @@ export function sumsOf(film, decisions, signals) {
 /**
  * Return the vehicles at a time in sub-steps, between two of them on the straight line.
  *
- * @returns {{ego: number, vehicles: object[]}} Each with x, y, heading, speed, acceleration, and flags.
+ * @returns {{frame: number, vehicles: object[]}} Each with x, y, heading, speed, acceleration, agent (-1: a driver), and flags.
  */
 export function sceneAt(film, time) {
   const last = film.frames.length - 1;
@@ -113,7 +113,6 @@ export function sceneAt(film, time) {
     const one = vehicleOf(frame, slot);
     const later = share > 0 ? next.identity.indexOf(one.identity) : -1;
     if (later >= 0) towards(one, vehicleOf(next, later), share);
-    one.ego = slot === frame.ego;
     vehicles.push(one);
   }
   return { vehicles, frame: at };
@@ -121,10 +120,10 @@ export function sceneAt(film, time) {
 
 function vehicleOf(frame, slot) {
   const [x, y, heading, speed, acceleration] = frame.numbers.subarray(slot * NUMBERS.length);
-  const { identity, yielding, crashed } = frame;
+  const { identity, agent, yielding, crashed } = frame;
   return {
     x, y, heading, speed, acceleration,
-    identity: identity[slot], yielding: Boolean(yielding[slot]), crashed: Boolean(crashed[slot]),
+    identity: identity[slot], agent: agent[slot], ego: agent[slot] >= 0, yielding: Boolean(yielding[slot]), crashed: Boolean(crashed[slot]),
   };
 }
 

@@ -7,11 +7,12 @@ import { Crossing } from "./crossing.js";
 import { Driving } from "./driving.js";
 import { answer } from "./episodes.js";
 import { Recorder } from "./film.js";
+import { Fleets } from "./fleet.js";
 import { dialOf } from "./network.js";
 import { UserError } from "./safetensors.js";
 import { Twins } from "./twins.js";
 
-const TABS = ["turn", "drive", "grid", "about"];
+const TABS = ["turn", "drive", "grid", "fleet", "about"];
 const NARROW = 640; // CSS pixels below which twins share one scene, unless a link says otherwise
 
 /** Return the core with some rows, and the dial, from the page's data. */
@@ -57,8 +58,8 @@ function showTab(name, state) {
   }
 }
 
-function listen({ twins, driving, crossing }, state) {
-  const parts = { turn: twins, drive: driving, grid: crossing };
+function listen({ twins, driving, crossing, fleets }, state) {
+  const parts = { turn: twins, drive: driving, grid: crossing, fleet: fleets };
   const tabs = TABS.map((name) => document.getElementById(`tab-${name}`));
   tabs.forEach((tab, number) => {
     tab.addEventListener("click", () => show(TABS[number]));
@@ -74,18 +75,19 @@ function listen({ twins, driving, crossing }, state) {
   function show(name) {
     twins.clock.pause();
     driving.pause();
+    fleets.pause();
     showTab(name, state);
     window.history.replaceState(null, "", writeAddress(state));
     parts[name]?.show();
   }
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("input, select, textarea") || event.metaKey || event.ctrlKey || event.altKey) return;
-    const keys = { drive: () => driving.key(event), turn: () => keyOf(event, twins), grid: () => crossing.key(event) };
+    const keys = { drive: () => driving.key(event), turn: () => keyOf(event, twins), grid: () => crossing.key(event), fleet: () => fleets.key(event) };
     if (keys[state.tab]?.()) event.preventDefault();
   });
   window.addEventListener("hashchange", () => window.location.reload());
   new ResizeObserver(() => parts[state.tab]?.show()).observe(document.querySelector("main"));
-  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => twins.show());
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => parts[state.tab]?.show());
 }
 
 /** Keys of the first tab; return whether one was meant. */
@@ -104,8 +106,9 @@ function keyOf(event, twins) {
   return !onButton;
 }
 
-/** Offer the dials by what they were rewarded for; the page opens again with the one that is chosen. */
-function offer(dials, state) {
+/** Offer the dials with a curve by what they were rewarded for; the page opens again with the one that is chosen. */
+function offer(all, state) {
+  const dials = all.filter(({ curve }) => curve.length);
   const select = document.getElementById("rewarded");
   select.replaceChildren(...dials.map(({ name }, number) => new Option(name, number, false, number === state.dial)));
   select.parentElement.hidden = dials.length < 2;
@@ -131,7 +134,7 @@ function start() {
     const shared = { core: data.core, layout: data.layout, dial: chosen.dial };
     const { dial } = open(shared, 1);
     const module = new WebAssembly.Module(bytesOf(data.core));
-    const recorder = () => new Recorder(new Core(module, data.layout, 1, true));
+    const recorder = (layout = data.layout) => new Recorder(new Core(module, layout, 1, true));
     if (!window.location.hash && window.innerWidth < NARROW) state.view = "ghosts";
     const parts = {
       layout: data.layout, dial, range: chosen.range, curve: chosen.curve,
@@ -142,12 +145,15 @@ function start() {
     const twins = new Twins({ ...parts, recorder: recorder() }, state);
     const driving = new Driving({ ...parts, recorder: recorder() }, state);
     const crossing = new Crossing(data.crossing, state);
-    listen({ twins, driving, crossing }, state);
+    const dials = data.dials.map(({ name, range, dial: text }) => ({ name, range, bytes: () => bytesOf(text) }));
+    const several = { ...data.layout, ...data.fleet.layout };
+    const fleets = new Fleets({ ...data.fleet, layout: several, dials, recorder: () => recorder(several), colours: parts.colours }, state);
+    listen({ twins, driving, crossing, fleets }, state);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (state.tab === "turn" && state.step === FIRST.step && !still) twins.clock.play();
     document.documentElement.dataset.ready = "yes";
     performance.mark("ready");
-    Object.assign(window, { twins, driving, crossing }); // for tests and the curious
+    Object.assign(window, { twins, driving, crossing, fleets }); // for tests and the curious
   } catch (error) {
     fail(error instanceof UserError ? error.message : `This page can't start: ${error.message}`);
   }

@@ -1,14 +1,15 @@
 // The road of the intersection, drawn once for each size and colour scheme.
 
-const REACH = 31; // m seen to the west and east of the centre
-const SOUTH = 14; // m that the view lies further south: there the ego starts
+// Metres seen to the west and east of the centre, and by which the view lies further south.
+export const NEAR = { reach: 31, south: 14 }; // there one ego starts
+export const WHOLE = { reach: 64, south: 0 }; // every arm, where several agents start
 const CURB = 7; // m, radius of the corners
 const STOP_LINE = 11; // m from the centre, where approaches end
 
-/** Return the transform of a picture of some pixels: metres to pixels. */
-export function viewOf(width, height) {
-  const scale = width / (2 * REACH);
-  return { scale, x: width / 2, y: height / 2 - SOUTH * scale };
+/** Return the transform of a picture of some pixels and an extent: metres to pixels. */
+export function viewOf(width, height, { reach, south }) {
+  const scale = width / (2 * reach);
+  return { scale, x: width / 2, y: height / 2 - south * scale };
 }
 
 /** Apply a view to a context, so that its units are metres. */
@@ -17,14 +18,14 @@ export function inMetres(context, view) {
 }
 
 /** Return a canvas with the road alone. */
-export function roadPicture(width, height, layout, colours) {
+export function roadPicture(width, height, view, layout, colours) {
   const canvas = document.createElement("canvas");
   canvas.width = width;
   canvas.height = height;
   const context = canvas.getContext("2d");
   context.fillStyle = colours.ground;
   context.fillRect(0, 0, width, height);
-  inMetres(context, viewOf(width, height));
+  inMetres(context, view);
   const far = 100; // m, beyond any picture
   asphalt(context, layout.lane_width, far, colours);
   markings(context, layout, far, colours);

@@ -1,14 +1,13 @@
 // Vehicles on the road: who yields, who brakes because of the ego, and where it went wrong.
 
-import { inMetres, roadPicture, viewOf } from "./road.js";
+import { NEAR, inMetres, roadPicture, viewOf } from "./road.js";
 
 const BRAKING = -1.5; // m/s² from which brake lights are on
 
 /** A canvas that shows scenes at any size. */
 export class Stage {
-  constructor(canvas, layout) {
-    this.canvas = canvas;
-    this.layout = layout;
+  constructor(canvas, layout, extent = NEAR) {
+    Object.assign(this, { canvas, layout, extent });
     this.context = canvas.getContext("2d", { alpha: false });
     this.road = null;
   }
@@ -23,14 +22,14 @@ export class Stage {
     canvas.width = width;
     canvas.height = height;
     this.colours = colours;
-    this.view = viewOf(width, height);
-    this.road = roadPicture(width, height, this.layout, colours);
+    this.view = viewOf(width, height, this.extent);
+    this.road = roadPicture(width, height, this.view, this.layout, colours);
   }
 
   /**
    * Draw a scene.
    *
-   * @param {object[]} vehicles Of `film.sceneAt`.
+   * @param {object[]} vehicles Of `film.sceneAt`; egos may have a colour of their own.
    * @param {{letter: string, colour: string, braking: Set<number>, near: boolean}} twin Whose scene it is.
    * @param {{vehicle: object, letter: string, colour: string}[]} ghosts Egos of other twins.
    */
@@ -44,7 +43,7 @@ export class Stage {
     for (const one of vehicles) if (twin.braking.has(one.identity) && ego) this.cause(ego, one);
     for (const one of vehicles) if (!one.ego) this.vehicle(one, colours.other);
     for (const { vehicle, letter, colour } of ghosts) this.ghost(vehicle, letter, colour);
-    if (ego) this.vehicle(ego, twin.colour, twin.letter);
+    for (const one of vehicles) if (one.ego) this.vehicle(one, one.colour ?? twin.colour, twin.letter);
     for (const one of vehicles) if (one.crashed) this.crash(one);
   }
 

@@ -1,6 +1,6 @@
 // The first tab: the same traffic and seed driven at two or three angles.
 
-import { FIRST, writeAddress } from "./address.js";
+import { FIRST, keepAddress } from "./address.js";
 import { Bars, element, signed } from "./bars.js";
 import { Curve } from "./curve.js";
 import { differing, summaryOf } from "./episodes.js";
@@ -246,7 +246,6 @@ export class Twins {
   /** Keep everything shown in the address. */
   keep() {
     this.state.step = Math.round(this.clock.time);
-    window.clearTimeout(this.keeping);
-    this.keeping = window.setTimeout(() => window.history.replaceState(null, "", writeAddress(this.state)), 150);
+    keepAddress(this.state);
   }
 }

@@ -171,7 +171,8 @@ function drawnWords(seed) {
 /** Return a film of the scenes that were observed, one picture for each decision. */
 function drawn({ scenes, actions, rewards, ending }, layout) {
   const frames = scenes.map((vehicles, number) => ({
-    ego: 0, count: vehicles.length,
+    count: vehicles.length,
+    agent: Int8Array.from(vehicles, (_, slot) => (slot === 0 ? 0 : -1)),
     identity: Int32Array.from(vehicles, (one) => one[4]),
     yielding: new Uint8Array(vehicles.length),
     crashed: Uint8Array.from(vehicles, (_, slot) => Number(slot === 0 && number === scenes.length - 1 && ending === layout.endings.collision)),
