@@ -179,15 +179,14 @@ def differences(
         yield from (f"missing: {key}" for key in sorted(before.keys() - after.keys()))
         yield from (f"new: {key}" for key in sorted(after.keys() - before.keys()))
         both = sorted(before.keys() & after.keys())
-        yield from (f"differs: {key}" for key in both if after[key] not in before[key])
+        yield from (f"differs: {key}" for key in both if before[key] != after[key])
 
 
-def read() -> dict[str, list[str]]:
-    """Return the committed hashes: several where processors round to other last digits."""
+def read() -> Hashes:
+    """Return the committed hashes."""
     return json.loads(FILE.read_text()) if FILE.is_file() else {}
 
 
-def write(hashes: Mapping[str, list[str]]) -> None:
+def write(hashes: Hashes) -> None:
     """Replace the committed hashes."""
-    lines = (f" {json.dumps(key)}: {json.dumps(hashes[key])}" for key in sorted(hashes))
-    FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    FILE.write_text(json.dumps(hashes, indent=1, sort_keys=True) + "\n")
