@@ -10,6 +10,9 @@ from typing import Any
 # XLA's older emitter of fused loops compiles in a third of the time. Read when XLA starts, so it
 # must be set before; processes that tests start inherit it.
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+# NumPy multiplies matrices alike on every processor. Read when NumPy is imported, which plugins of
+# pytest do: it holds in pytest's workers, and in the processes that tests start.
+os.environ["OPENBLAS_CORETYPE"] = "Haswell"
 
 import jax
 import jaxtyping

@@ -74,6 +74,7 @@ class Config:
     seeds: tuple[int, ...] = (401, 402, 403, 404, 405)
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     updates: int = 6000
+    states_per_update: int = 32
     episodes: int = 1000  # of each block
     blocks: tuple[int, ...] = (96_000_000, 97_000_000, 98_000_000, 99_000_000)
     """First seeds of the blocks of evaluation episodes."""
@@ -91,8 +92,8 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse empty sizes."""
-        counts = "updates", "episodes", "offline_updates", "demonstrated", "size"
-        check_counts(self, counts)
+        trained = "updates", "states_per_update", "offline_updates"
+        check_counts(self, (*trained, "episodes", "demonstrated", "size"))
 
     @property
     def episode_seeds(self) -> tuple[int, ...]:
@@ -171,7 +172,7 @@ def jobs(config: Config) -> list[Job]:
         updates=config.updates,
         batch_size=256,
         first_rounds=4,
-        states_per_update=32,
+        states_per_update=config.states_per_update,
     )
     numbers = replace(road_training.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
     for seed in config.seeds:

@@ -46,5 +46,5 @@ def test_the_egoist_does_not_pass_at_45_degrees(audit, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("declared", [0, 75])
 def test_the_dial_of_45_degrees_fails_elsewhere(audit, tmp_path, declared):
-    status, report = audit(turned(tmp_path, 45.0), declared, 2000)
+    status, report = audit(turned(tmp_path, 45.0), declared, 1500)
     assert (status, report["tests"]["direction"]["decision"]) == (1, "fail")

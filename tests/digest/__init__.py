@@ -11,7 +11,8 @@ FUSION = "--xla_cpu_use_fusion_emitters=false"
 def set_environment() -> None:
     """Set what `tests/conftest.py` and the Makefile set, so that every way to run gives one hash.
 
-    JAX reads these variables when it is imported, so this package must be imported before it;
+    JAX and NumPy read these variables when they are imported, so this package must be imported
+    before them; NumPy then multiplies matrices alike on every processor;
     under pytest `tests/conftest.py` and its fixtures set the same.
     """
     flags = os.environ.get("XLA_FLAGS", "")
@@ -22,6 +23,7 @@ def set_environment() -> None:
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
         "OMP_NUM_THREADS": "1",
+        "OPENBLAS_CORETYPE": "Haswell",
     }.items():
         os.environ.setdefault(name, value)
 

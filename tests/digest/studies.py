@@ -27,9 +27,6 @@ NEEDS = {
 QUICK = ("audit-power", "off-policy", "mo-gymnasium")
 
 
-IN_PROCESSES = ("caused-effects", "compare-priors", "mujoco-imitation", "population")
-"""Studies whose networks depend on the arithmetic that the jobs' processes are given."""
-
 FEWER_DIGITS = {"mujoco-imitation": 5}
 """Digits of studies whose returns amplify the last bits of a network.
 
@@ -54,15 +51,14 @@ def run_here(
 def tables_of(name: str, folder: Path) -> Hashes:
     """Run the tiny preset of a study; hash tables, summary and names of its other files."""
     from socialiq.settings import changed
-    from socialiq_lab import engine
     from socialiq_lab import study as studies
+    from socialiq_lab.engine import Engine
     from socialiq_lab.registry import study_and_declaration
 
     study, content = study_and_declaration(name)
     config = changed(study.Config(), content["tiny"])
-    run_jobs = engine.run_jobs if name in IN_PROCESSES else run_here
-    with unittest.mock.patch.object(studies, "run_jobs", run_jobs):
-        results = studies.run(study, config, work=folder / "work", engine=engine.Engine(1))
+    with unittest.mock.patch.object(studies, "run_jobs", run_here):
+        results = studies.run(study, config, work=folder / "work", engine=Engine(1))
     return hashes_of(results, folder / "work", FEWER_DIGITS.get(name, DIGITS))
 
 

@@ -6,7 +6,7 @@ from tests.digest.studies import run_here
 
 from socialiq.results_folder import Results
 from socialiq_lab import study
-from socialiq_lab.engine import Engine, run_jobs
+from socialiq_lab.engine import Engine
 
 WHOLE_RUNS = {"results", "work"}
 """Fixtures that run a whole study, at a tiny size."""
@@ -27,15 +27,9 @@ def work_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(request: pytest.FixtureRequest, work: Path) -> Results:
-    """Results of the module's STUDY with its configuration TINY.
-
-    A module whose numbers depend on the arithmetic of the jobs' processes sets `IN_PROCESSES`.
-    """
-    module, engine = request.module, Engine(processes=1)
-    with pytest.MonkeyPatch.context() as patch:
-        if getattr(module, "IN_PROCESSES", False):
-            patch.setattr(study, "run_jobs", run_jobs)
-        return study.run(module.STUDY, module.TINY, work=work, engine=engine)
+    """Results of the module's STUDY with its configuration TINY."""
+    module = request.module
+    return study.run(module.STUDY, module.TINY, work=work, engine=Engine(processes=1))
 
 
 @pytest.fixture(autouse=True, scope="package")

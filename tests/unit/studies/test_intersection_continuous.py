@@ -20,7 +20,6 @@ from studies.intersection_continuous.study import CONTINUOUS, DISCRETE, KINDS, m
 STUDY, CONTENT = study_and_declaration("intersection-continuous")
 PLAIN = STUDY.Config()
 TINY = changed(PLAIN, CONTENT["tiny"])
-IN_PROCESSES = True
 
 
 def test_both_dials_have_one_budget() -> None:

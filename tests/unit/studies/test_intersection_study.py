@@ -19,7 +19,6 @@ from studies.intersection.plan import jobs, learner_name, members, policy_file
 STUDY, CONTENT = study_and_declaration("intersection")
 Config = STUDY.Config
 TINY = changed(Config(), CONTENT["tiny"])
-IN_PROCESSES = True
 OUTCOMES = ("collision", "arrival", "timeout")
 
 
