@@ -143,7 +143,7 @@ def test_three_fleets_are_counted_as_they_drive(tab, address):
     assert {*tab.locator("#fleet-stages dd").all_inner_texts()} == {"0", "0.0"}
     tab.locator("#fleet-dial").focus()
     tab.keyboard.press("End")
-    tab.select_option("#fleet-trained", label="what it causes, trained among its like")
+    tab.select_option("#fleet-trained", label="what it causes, among its like")
     tab.evaluate("for (let second = 0; second < 45; second += 1) fleets.advance(); fleets.show()")
     texts = tab.locator("#fleet-stages dd").all_inner_texts()
     assert len(texts) == 12 and all(int(texts[scene]) > 0 for scene in (1, 5, 9))

@@ -196,7 +196,7 @@ def fleet_dial() -> PageDial:
         "dial of what it causes, improved in fleets of eight."
     )
     file = (packaged_results() / FLEET_STUDY / "dial.safetensors").read_bytes()
-    return PageDial("what it causes, trained among its like", file, 0, 90, (), source)
+    return PageDial("what it causes, among its like", file, 0, 90, (), source)
 
 
 def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, float, float]:

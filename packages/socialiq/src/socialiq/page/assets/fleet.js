@@ -222,6 +222,6 @@ function verdict(chosen, lowest) {
     const than = chosen[`${name}_low`] > lowest[`${name}_high`] ? "more" : chosen[`${name}_high`] < lowest[`${name}_low`] ? "fewer" : "about as many";
     const [here, there] = [chosen, lowest].map((row) => (factor * row[name]).toFixed(1));
     return `${than} ${act} (${here} instead of ${there} ${unit})`;
-  });
-  return `${measured}: if all drive at ${chosen.angle}° and not at ${lowest.angle}°, ${changes.slice(0, 2).join(", ")} and ${changes[2]}.`;
+  }).filter((text, number) => number < 2 || !text.startsWith("about"));
+  return `${measured}: if all drive at ${chosen.angle}° and not at ${lowest.angle}°, ${changes.slice(0, -1).join(", ")} and ${changes[changes.length - 1]}.`;
 }
