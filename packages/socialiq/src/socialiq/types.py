@@ -15,6 +15,18 @@ Row = dict[str, Any]
 """Row of a table: a value by column."""
 
 
+class ByClass(NamedTuple):
+    """Numbers by class of road user; the parts of r_social are the ego's effects on each class.
+
+    Attributes:
+        vehicle: Of drivers.
+        vulnerable: Of road users who can be hurt, on foot and on bicycles.
+    """
+
+    vehicle: Any
+    vulnerable: Any
+
+
 class RewardPair(NamedTuple):
     """Two rewards of a transition (thesis 4.1), kept separate until they are scored.
 
@@ -22,11 +34,17 @@ class RewardPair(NamedTuple):
 
     Attributes:
         env: r_env, the ego's own progress (Eq 4.1).
-        social: r_social, the ego's effect on its neighbours (Eq 4.2).
+        social: r_social, the ego's effect on its neighbours (Eq 4.2); where the weights of classes
+            are chosen later, its parts `ByClass`.
     """
 
     env: Any
     social: Any
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """Return r_env and r_social, or r_env and the parts of r_social by class."""
+        return (self.env, *(self.social if isinstance(self.social, ByClass) else (self.social,)))
 
     @staticmethod
     def of_step(reward: Any, info: Mapping[str, Any]) -> RewardPair:

@@ -14,7 +14,7 @@ from socialiq.errors import UserError
 from socialiq.physics import wrapped
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.statistics.hotelling import hotelling_region
-from socialiq.types import RewardPair
+from socialiq.types import ByClass, RewardPair
 
 
 def check_angle(angle: float) -> float:
@@ -46,6 +46,39 @@ def exact_weights(angle: float) -> RewardPair:
     return RewardPair(env=env, social=social)
 
 
+def check_class_angle(angle: float) -> float:
+    """Return a class angle in degrees if it lies in [0, 90]: no class may be harmed on purpose.
+
+    Raises:
+        UserError: If it is not finite or outside this range.
+    """
+    if not 0.0 <= angle <= 90.0:
+        raise UserError(
+            f"class angle {angle:g} is outside [0, 90] degrees: 0 vehicles, 90 road users who can "
+            "be hurt"
+        )
+    return float(angle)
+
+
+def class_weights(class_angle: float) -> ByClass:
+    """Return the weights (cos b, sin b) of the classes in r_social, b in degrees.
+
+    They are exact zeros and ones at 0 and 90 degrees.
+    """
+    return ByClass(*exact_weights(check_class_angle(class_angle)))
+
+
+def direction_of(angle: float, class_angle: float | None = None) -> RewardPair:
+    """Return the exact weights of an angle; with a class angle those of r_env and each class.
+
+    They are (cos a, sin a cos b, sin a sin b), the angles a and b in degrees.
+    """
+    env, social = exact_weights(angle)
+    if class_angle is None:
+        return RewardPair(env, social)
+    return RewardPair(env, ByClass(*(social * weight for weight in class_weights(class_angle))))
+
+
 def angle_of(env: float, social: float) -> float:
     """Return α̂ = atan2(R_social, R_env) in degrees, in (-180, 180] (thesis 5.4).
 
@@ -69,9 +102,14 @@ def angle_difference(a: Any, b: Any) -> Any:
 def score(weights: RewardPair, rewards: RewardPair) -> Any:
     """Return R(α) = cos α · r_env + sin α · r_social (Eq 4.3), of rewards or returns of any shape.
 
-    The weights are scalars or traced arrays.
+    The weights are scalars or traced arrays. Where r_social has parts by class, the weights have
+    them too.
     """
-    return weights.env * rewards.env + weights.social * rewards.social
+    (env, *others), (r_env, *r_others) = weights.parts, rewards.parts
+    total = env * r_env
+    for weight, reward in zip(others, r_others, strict=True):
+        total = total + weight * reward
+    return total
 
 
 class AngleEstimate(NamedTuple):

@@ -12,6 +12,7 @@ from socialiq.worlds.highway.scenes import SCENES
 IDS = {
     "crossing5": "socialiq/Crossing5-v1",
     "crossing7": "socialiq/Crossing7-v1",
+    "crosswalk7": "socialiq/Crosswalk7-v1",
     "intersection": "socialiq/Intersection-v1",
 }
 
@@ -62,7 +63,7 @@ def register() -> None:
     for name, options in roads.items():
         if name not in gymnasium.registry:
             gymnasium.register(name, _ROAD, vector_entry_point=_ROADS, kwargs=options)
-    for world in ("crossing5", "crossing7"):
+    for world in ("crossing5", "crossing7", "crosswalk7"):
         if IDS[world] not in gymnasium.registry:
             gymnasium.register(IDS[world], _GRID, kwargs={"world": world})
     if RECORDED_JUNCTION not in gymnasium.registry:

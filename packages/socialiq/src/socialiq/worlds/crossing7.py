@@ -75,7 +75,7 @@ class Vehicle(NamedTuple):
     v: Any
 
 
-def _step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
+def step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
     """Move the ego and both vehicles at once; then vehicles leave and spawn.
 
     A collision, in which the ego and a vehicle occupy the conflict cell in the same step, precedes
@@ -206,7 +206,7 @@ def make(options: Options | None = None) -> GridWorld:
         chance=(1.0 - p, p),
         horizon=HORIZON,
         max_speed=FAST,
-        rules=partial(_step, chosen),
+        rules=partial(step, chosen),
         env_weights=ENV_WEIGHTS,
         social_weights=SOCIAL_WEIGHTS,
         places=places,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float, Int
 
+from socialiq.errors import UserError
 from socialiq.foreign import Later
-from socialiq.types import Ending, RewardPair, Step
+from socialiq.social.angle import class_weights
+from socialiq.types import ByClass, Ending, RewardPair, Step
 from socialiq.worlds.world import World
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ class Place(NamedTuple):
     y: int  # row of its cell, upwards
     heading: int  # degrees counter-clockwise from east
     speed: int | None = None  # cells a step, where it is a feature
+    on_foot: bool = False
 
 
 class Outcome(NamedTuple):
@@ -82,6 +85,14 @@ class GridWorld(World):
     places: Callable[[Sequence[int]], list[Place]]  # of the road users that are present in a state
     size: int  # number of columns and of rows; the roads cross in the middle
     units: tuple[str, ...] = ()  # names of the options that define the rewards
+    # Of each signal of road users who can be hurt, and the angle b of the class weights: r_social is
+    # cos b of the sum over `social_weights` plus sin b of the sum over these. Without such signals
+    # it is the first sum.
+    vulnerable_weights: Mapping[str, float] = field(default_factory=dict)
+    class_angle: float = 0.0
+    # Whether the rewards keep the parts of r_social by class, for learners of all class angles.
+    by_class: bool = False
+    crosswalk: int | None = None  # column of a crosswalk over the ego's road
     # Whether the time is observed too, as a last feature. The thesis' agents don't see it.
     clock: bool = False
 
@@ -111,11 +122,22 @@ class GridWorld(World):
     @property
     def description(self) -> str:
         """Name of the world, its options, and its clock."""
-        return f"{self.name} {self.options}" + (" with clock" if self.clock else "")
+        parts = " by class" if self.by_class else ""
+        return f"{self.name} {self.options}{parts}" + (" with clock" if self.clock else "")
 
     def with_clock(self) -> GridWorld:
         """Return the same world with the time as last feature of its observations."""
         return dataclasses.replace(self, clock=True)
+
+    def with_parts(self) -> GridWorld:
+        """Return the same world with r_social by class in the rewards of its simulator.
+
+        Raises:
+            UserError: If it has one class of road users only.
+        """
+        if not self.vulnerable_weights:
+            raise UserError(f"{self.name} has vehicles only, so there is no class angle to choose")
+        return dataclasses.replace(self, by_class=True)
 
     def table(self) -> Table:
         """Return the exact transitions of all states."""
@@ -134,7 +156,11 @@ class GridWorld(World):
         """Definition of the reward pair: weights of the signals, and the options that matter."""
         units = {name: getattr(self.options, name) for name in self.units}
         units |= {"horizon": self.horizon, "max_speed": self.max_speed}
-        return {"env": dict(self.env_weights), "social": dict(self.social_weights), "units": units}
+        reward = {"env": dict(self.env_weights), "social": dict(self.social_weights)}
+        if self.vulnerable_weights:
+            reward["vulnerable"] = dict(self.vulnerable_weights)
+            reward["classes"] = class_weights(self.class_angle)._asdict()
+        return reward | {"units": units}
 
     def largest_difference(self, weights: tuple[float, float]) -> float:
         """Return the most by which the weighted rewards of two episodes can differ, exactly."""
@@ -159,7 +185,7 @@ class GridWorld(World):
     @property
     def signal_names(self) -> tuple[str, ...]:
         """Names of all signals, those of r_env first."""
-        return (*self.env_weights, *self.social_weights)
+        return (*self.env_weights, *self.social_weights, *self.vulnerable_weights)
 
     def index(self, state: Any) -> Any:
         """Return the index of a state, or of states along the last axis, in C order of features."""
@@ -173,9 +199,19 @@ class GridWorld(World):
 
     def rewards(self, signals: Signals) -> RewardPair:
         """Return the reward pair (thesis 4.1), each component a weighted sum of its signals."""
+        env, vehicle, *vulnerable = (
+            sum(weight * signals[name] for name, weight in side.items())
+            for side in (self.env_weights, self.social_weights, self.vulnerable_weights)
+            if side
+        )
+        if not vulnerable:
+            return RewardPair(env, vehicle)
+        parts = ByClass(vehicle, *vulnerable)
+        if self.by_class:
+            return RewardPair(env, parts)
+        weights = class_weights(self.class_angle)
         return RewardPair(
-            env=sum(weight * signals[name] for name, weight in self.env_weights.items()),
-            social=sum(weight * signals[name] for name, weight in self.social_weights.items()),
+            env, weights.vehicle * parts.vehicle + weights.vulnerable * parts.vulnerable
         )
 
     def reset(self, key: Any) -> tuple[Episode, Float[Any, " feature"]]:

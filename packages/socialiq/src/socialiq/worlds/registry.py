@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.storage import kind_of
-from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7
+from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7, crosswalk7
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.scenes import SCENES
@@ -25,8 +25,16 @@ from socialiq.worlds.intersection.options import ContinuousOptions, FleetOptions
 from socialiq.worlds.world import World
 
 Kind = TypeVar("Kind")
-WORLDS = {"crossing5": crossing5, "crossing7": crossing7, "intersection": intersection}
-GRIDWORLDS = ("crossing5", "crossing7")
+WORLDS = {
+    "crossing5": crossing5,
+    "crossing7": crossing7,
+    "crosswalk7": crosswalk7,
+    "intersection": intersection,
+}
+WEIGHED = {f"crosswalk7-{angle}": {"class_angle": float(angle)} for angle in range(0, 91, 15)}
+"""Worlds of fixed class weights by name: the class angle in degrees that the name stands for."""
+
+GRIDWORLDS = ("crossing5", "crossing7", "crosswalk7", *WEIGHED)
 INTERSECTIONS = ("intersection", "intersection" + CAUSED, *CONTINUOUS)
 NAMES = (*GRIDWORLDS, *INTERSECTIONS)
 """Every world of `make`."""
@@ -106,9 +114,9 @@ def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
     """
     one_of("world", name, NAMES)
     effects, options = _effects_of(name, options)
-    chosen = parse_options(name, _kind(name), CONTINUOUS.get(name, {}) | options)
+    chosen = parse_options(name, _kind(name), _implied(name) | options)
     if name in GRIDWORLDS:
-        return _grid(name, chosen, repr(chosen))
+        return _grid(_plain(name), chosen, repr(chosen))
     return intersection.Intersection(chosen, effects)
 
 
@@ -124,9 +132,19 @@ def _effects_of(
     return parse_options(name, EffectOptions, chosen), of_road
 
 
+def _implied(name: str) -> dict[str, Any]:
+    """Return the options that a world's name stands for."""
+    return CONTINUOUS.get(name, {}) | WEIGHED.get(name, {})
+
+
+def _plain(name: str) -> str:
+    """Return the name of `WORLDS` of a world of discrete actions."""
+    return name.rpartition("-")[0] if name in WEIGHED else name.removesuffix(CAUSED)
+
+
 def _kind(name: str) -> Any:
     """Return the class of a world's options."""
-    return ContinuousOptions if name in CONTINUOUS else WORLDS[name.removesuffix(CAUSED)].Options
+    return ContinuousOptions if name in CONTINUOUS else WORLDS[_plain(name)].Options
 
 
 @lru_cache(maxsize=32)
@@ -166,7 +184,7 @@ def make_fleet(name: str = "intersection", agents: int = 2, **options: Any) -> R
 
 def default_options(name: str) -> dict[str, Any]:
     """Return the default of every option of a world of `NAMES` that its name doesn't give."""
-    implied = CONTINUOUS.get(name, {})
+    implied = _implied(name)
     kinds = (_kind(name), EffectOptions) if name.endswith(CAUSED) else (_kind(name),)
     fields = {field.name: field.default for kind in kinds for field in dataclasses.fields(kind)}
     return {option: default for option, default in fields.items() if option not in implied}
