@@ -11,10 +11,12 @@ import tyro
 from socialiq.cli import drivers
 from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.classes import ClassGround
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
 from socialiq.evaluation.exact import Metrics, Readout, optimum_of
 from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
+from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import refuse_existing
 from socialiq.social.angle import angle_difference, angle_of
@@ -47,7 +49,7 @@ class Dial(Printing):
     """Dial file, of `socialiq train dial`; where actions are continuous, of `train sac` or
     `iq-learn` with --set dial=true."""
     every: int = 5
-    """Degrees between the rows. In a gridworld the summary has two mean regrets: that of the rows,
+    """Degrees between the rows, of a dial of two angles between those of each. In a gridworld the summary has two mean regrets: that of the rows,
     mean_regret_every_N, and that of every degree, mean_regret_every_1."""
     soft: bool = False
     """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
@@ -72,6 +74,8 @@ class Dial(Printing):
             dial = ActorDial.load(self.policy)
             rows, summary, _ = self.rolled(dial)
         else:
+            if kind_of(self.policy) == ClassDial.KIND:
+                return self._by_class()
             if kind_of(self.policy) == ActorDial.KIND:
                 worlds = ", ".join(CONTINUOUS)
                 raise UserError(f"{self.policy} has continuous actions: choose one of {worlds}")
@@ -90,6 +94,23 @@ class Dial(Printing):
             print_json(summary | {"angles": rows})
         else:
             print_table(rows, "angles in degrees; an empty cell: no mixture has that angle")
+            print_table(listed(summary))
+        return 0
+
+    def _by_class(self) -> int:
+        """Evaluate a dial of two angles exactly at each pair of them."""
+        if self.calibrated:
+            raise UserError("--calibrated is of one angle: `socialiq turn --class-angle` first")
+        dial = ClassDial.load(self.policy)
+        ground = ClassGround(drivers.gridworld_of(self.world, dial))
+        rows = list(ground.sweep(dial, self.every, self.readout))
+        regrets = [row["regret"] for row in rows]
+        summary: Row = {"world": self.world, "policy": str(self.policy)}
+        summary |= {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
+        if self.json:
+            print_json(summary | {"angles": rows})
+        else:
+            print_table(rows, "angles in degrees; exact means of an episode")
             print_table(listed(summary))
         return 0
 

@@ -12,6 +12,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import stands
 from socialiq.evaluation.rollout import record, rollout_env
 from socialiq.nn.actor_policy import ActorDial
+from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.policies.interface import Interface, Loaded, read_content
 from socialiq.policies.load import load_policy
@@ -109,7 +110,7 @@ def intersection_named(name: str) -> Intersection:
     return world
 
 
-def gridworld_of(name: str, policy: Interface | DialPolicy) -> Table:
+def gridworld_of(name: str, policy: Interface | DialPolicy | ClassDial) -> Table:
     """Return the gridworld that a policy or dial was trained in, with a clock if it uses one."""
     plain = registry.make_grid(name)
     for world in (plain, plain.with_clock()):

@@ -11,8 +11,10 @@ from socialiq.cli.output import Printing
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorDial
+from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
+from socialiq.nn.saved import Saved
 from socialiq.outputs import refuse_existing
 from socialiq.policies import card, export, load
 from socialiq.reading import sha256_of_file
@@ -143,29 +145,48 @@ class Turn(Printing):
     """Policy file to write."""
     angle: float | None = None
     """Social angle in degrees."""
+    class_angle: float | None = None
+    """Class angle in degrees, of a dial of two angles: 0 weighs effects on vehicles alone, 90 those
+    on road users who can be hurt alone. Without --angle the result is a dial."""
     angle_rule: Path | None = None
     """TOML file of a rule that gives the angle by the situation, in the place of --angle."""
 
     def run(self) -> int:
         """Turn and write."""
         refuse_existing(self.out)
+        kind = kind_of(self.dial)
+        if (kind == ClassDial.KIND) != (self.class_angle is not None):
+            which = "is of one angle: leave out" if kind != ClassDial.KIND else "is of two: add"
+            raise UserError(f"{self.dial} {which} --class-angle")
+        turned: dict[str, Any] = {} if self.class_angle is None else {"class_angle": self.class_angle}
+        if turned and self.angle is None and self.angle_rule is None:
+            return self._written(self._dial(kind), turned)
         if (self.angle is None) == (self.angle_rule is None):
             raise UserError(
                 "a dial is turned to one angle or by one rule: give --angle DEGREES, "
                 "or --angle-rule FILE"
             )
-        kind = ActorDial if kind_of(self.dial) == ActorDial.KIND else DialPolicy
         if self.angle is not None:
-            policy, turned = kind.load(self.dial).at(self.angle), {"angle": self.angle}
-        elif kind is ActorDial or self.angle_rule is None:
+            policy, turned = self._dial(kind).at(self.angle), turned | {"angle": self.angle}
+        elif kind == ActorDial.KIND or self.angle_rule is None:
             raise UserError(
                 f"{self.dial} has continuous actions: a rule turns a dial of "
                 "discrete ones; give --angle"
             )
         else:
             rule = load_rule(self.angle_rule)
-            policy = ContextPolicy.of(DialPolicy.load(self.dial), rule)
-            turned = {"angle": "by rule", "contexts": "; ".join(rule.contexts)}
+            policy = ContextPolicy.of(self._dial(kind), rule)
+            turned |= {"angle": "by rule", "contexts": "; ".join(rule.contexts)}
+        return self._written(policy, turned)
+
+    def _dial(self, kind: str) -> Any:
+        """Return the dial of the file, one of two angles at its class angle."""
+        if self.class_angle is not None:
+            return ClassDial.load(self.dial).of_class(self.class_angle)
+        return (ActorDial if kind == ActorDial.KIND else DialPolicy).load(self.dial)
+
+    def _written(self, policy: Saved, turned: dict[str, Any]) -> int:
+        """Write the policy, or the dial, and print what was written."""
         sha256 = policy.save(self.out, replace=False)
         written = {"out": str(self.out), **turned, "sha256": sha256}
         return self.show(written, [written])

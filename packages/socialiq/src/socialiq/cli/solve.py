@@ -7,6 +7,8 @@ import numpy as np
 import tyro
 
 from socialiq.cli.output import Printing, listed, print_json, print_table
+from socialiq.errors import UserError
+from socialiq.evaluation.classes import ClassGround
 from socialiq.evaluation.exact import evaluate_exactly, optimum_of
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of, target_norm
 from socialiq.mdp.horizon import horizon_optimum
@@ -26,7 +28,7 @@ class Solve(Printing):
     """
 
     world: World
-    """crossing5 or crossing7."""
+    """crossing5, crossing7 or crosswalk7 (crosswalk7-B: class angle of B degrees)."""
     angle: float = 0.0
     """Social angle in degrees: 0 egoistic, 45 prosocial, 90 altruistic."""
     stationary: bool = False
@@ -69,10 +71,15 @@ class Front(Printing):
     """
 
     world: World
-    """crossing5 or crossing7."""
+    """crossing5, crossing7 or crosswalk7."""
+    every: float | None = None
+    """In crosswalk7: print the optimum of every direction of social angle and class angle, so many
+    degrees apart, in the place of the front of one class angle."""
 
     def run(self) -> int:
         """Compute the attainable set, print its front."""
+        if self.every is not None:
+            return self._by_class(self.every)
         attainable = optimum_of(make_grid(self.world)).attainable
         vertices = []
         for env, social in attainable.front():
@@ -99,6 +106,14 @@ class Front(Printing):
         return 0
 
 
+    def _by_class(self, every: float) -> int:
+        """Print the optima of the octant of directions."""
+        if not 0.0 < every <= 90.0:
+            raise UserError(f"--every {every:g}: give degrees above 0, at most 90")
+        rows = list(ClassGround(tabulate(make_grid(self.world))).optima(every))
+        return self.show({"world": self.world, "optima": rows}, rows, "angles in degrees; exact")
+
+
 @dataclass(frozen=True)
 class PredictLambda(Printing):
     """Predict the λ at which each state's greedy action flips, by the closed form.
@@ -112,7 +127,7 @@ class PredictLambda(Printing):
     """
 
     world: World
-    """crossing5 or crossing7."""
+    """crossing5, crossing7 or crosswalk7 (crosswalk7-B: class angle of B degrees)."""
     angle: float = 0.0
     """Social angle in degrees: 0 egoistic, 45 prosocial, 90 altruistic."""
     target_kind: str = "instantaneous"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
@@ -45,12 +46,15 @@ class DialNetwork(eqx.Module):
         times: int = 0,
         pairs: bool = False,
         knots: tuple[float, ...] = (),
+        classes: bool = False,
     ) -> DialNetwork:
         """Draw a network (`q_network.perceptron`) with hat functions around the knots, in degrees.
 
-        With `pairs` Q is a pair, of both rewards.
+        With `pairs` Q is a pair, of both rewards; with `classes` r_social has two parts.
         """
-        widths, extra = (*hidden, 2 * n_actions if pairs else n_actions), 2 + len(knots)
+        rewards = 2 + classes
+        widths = (*hidden, rewards * n_actions if pairs else n_actions)
+        extra = rewards + len(knots)
         shape = (n_features, widths, view, one_hot, times, extra)
         layers, encoder = q_network.perceptron(key, *shape)
         return DialNetwork(layers, activation, encoder, pairs, knots)
@@ -66,9 +70,11 @@ class DialNetwork(eqx.Module):
     def value_pair(
         self, observation: Float[Array, " feature"], direction: RewardPair
     ) -> RewardPair:
-        """Return (Q_env, Q_social) of each action, each (action,), of a network with pairs."""
-        env, social = jnp.split(self._outputs(observation, direction), 2)
-        return RewardPair(env, social)
+        """Return (Q_env, Q_social) of each action, each (action,), of a network with pairs.
+
+        It has the form of the direction: r_social may have parts by class.
+        """
+        return _split(self._outputs(observation, direction), direction)
 
     def _outputs(
         self, observation: Float[Array, " feature"], direction: RewardPair
@@ -91,8 +97,14 @@ class DialNetwork(eqx.Module):
             last = layers[-1]
             assert last.bias is not None
             weight, bias = (
-                score(direction, RewardPair(*jnp.split(array, 2)))
+                score(direction, _split(array, direction))
                 for array in (last.weight, last.bias)
             )
             layers[-1] = with_weights(last, weight, bias)
         return QNetwork(tuple(layers), self.activation, self.view)
+
+
+def _split(outputs: Array, direction: RewardPair) -> RewardPair:
+    """Return the outputs of each reward, in the form of a direction."""
+    form = jax.tree.structure(direction)
+    return jax.tree.unflatten(form, jnp.split(outputs, form.num_leaves))

@@ -90,7 +90,7 @@ class Dial(Saved, Generic[Network]):
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> Any:
         """Build a dial from a file's content, as `Saved.checked`."""
         turned = cls.NETWORK.checked(path, arrays, header, extra=2)
-        return cls(turned, *_range_of(path, header))
+        return cls(turned, *range_of(path, header))
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class DialPolicy(Dial[QPolicy]):
         if knots != [] and not even:
             raise refusal(path, "has no angles of its hat functions")
         turned = QPolicy.checked(path, arrays, header, extra=2 + len(knots))
-        low, high = _range_of(path, header)
+        low, high = range_of(path, header)
         pairs = header.get("pairs", False)
         if type(pairs) is not bool or (pairs and turned.n_actions % 2):
             raise refusal(path, "has no pair of values for each action")
@@ -246,7 +246,7 @@ def check_in_range(angle: float, low: float, high: float) -> None:
         )
 
 
-def _range_of(path: Path, header: Header) -> tuple[float, float]:
+def range_of(path: Path, header: Header) -> tuple[float, float]:
     """Return the lowest and the highest angle in a dial's header."""
     low, high = header.get("low"), header.get("high")
     if isinstance(low, float) and isinstance(high, float) and 0.0 <= low <= high < 360.0:

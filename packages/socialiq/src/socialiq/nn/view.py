@@ -324,7 +324,7 @@ def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
     They have one more axis, of the inputs.
     """
     xp = direction.env.__array_namespace__()
-    pair = xp.stack([direction.env, direction.social], axis=-1)
+    pair = xp.stack(direction.parts, axis=-1)
     if not knots:
         return [pair]
     return [pair, hats(xp.rad2deg(xp.arctan2(direction.social, direction.env)), knots)]

@@ -64,7 +64,7 @@ class Dial(Printing):
     preset: str = ""
     """On a road of highway-env: intersection. In a gridworld: online-short (default), online (five
     times its rows), online-quick (seconds, less exact), online-alone (no demonstrations),
-    online-clockless, offline, offline-redrawn (each transition at newly drawn times)."""
+    online-classes (no demonstrations, in crosswalk7: the class angle is free too), online-clockless, offline, offline-redrawn (each transition at newly drawn times)."""
     angle: float | None = None
     """Train for this one social angle in degrees, instead of 0 to 90."""
     budget: float | None = None
@@ -116,6 +116,7 @@ class Dial(Printing):
         else:
             world = registry.make_grid(self.world)
             world = world.with_clock() if preset.clock else world
+            world = world.with_parts() if static.classes else world
             times = world.horizon if static.redraw_times else 0
             static = replace(static, one_hot=world.one_hot, redraw_times=times)
             sizes = (world.n_features, world.n_actions)
@@ -130,7 +131,7 @@ class Dial(Printing):
         data_file = self.data and shared.described_file(self.data)
         record = {"preset": name, "world": self.world, "data": data_file}
         record |= {"budget": self.budget, "budget_path": []}
-        grid = isinstance(world, grid_world.GridWorld)
+        grid = isinstance(world, grid_world.GridWorld) and not static.classes
         place = tabulate(world).reachable_part() if grid else world
         return finish_dials(folder, trained, record, place, budget)
 
@@ -162,6 +163,8 @@ class Dial(Printing):
             return None
         if self.world in ROADS:
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
+        if static.classes:
+            raise UserError("a budget is of one class angle: leave it out with --set classes=true")
         if static.updates <= ASCENT_EVERY:
             raise UserError(
                 f"a budget is checked every {ASCENT_EVERY} updates: give more --updates"

@@ -41,6 +41,9 @@ class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
     heads: Literal["score", "pair"] = "score"
     """Outputs for each action: "score" is Q of R(α); "pair" is (Q_env, Q_social) of the policy of
     the angle, each learned from its own reward; their score is Q. Not with a soft backup."""
+    classes: bool = False
+    """Whether the class angle of r_social is an input too, drawn like the angle, and the outputs of
+    heads "pair" are of three rewards. In worlds that have classes, and without demonstrations."""
     driven_share: Share = 0.0
     """Share of the learner's own rows at the angle at which they were driven; for the others an
     angle is drawn."""
@@ -84,6 +87,10 @@ class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
             raise UserError("--set scored=demonstrations needs demonstrations: choose all")
         if self.heads == "pair" and self.backup == "soft":
             raise UserError("--set heads=pair has no soft backup: add --set backup=hard or double")
+        if self.classes and (self.demonstrations or not self.online):
+            raise UserError("--set classes=true learns in a world alone: --set demonstrations=false")
+        if self.classes and self.knots:
+            raise UserError("--set knots is of one angle: leave it out with --set classes=true")
         if self.heads == "pair" and self.demonstrators:
             raise UserError(
                 "a skill is a score: choose --set heads=score, or leave out demonstrators"

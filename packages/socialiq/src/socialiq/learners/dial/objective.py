@@ -59,8 +59,8 @@ def objective(
     network, skill = networks
     batch, direction, expert = rows.batch, rows.direction, slice(rows.n_expert)
     q, later, rewards = _implied(network, target_network, rows, hyperparameters, static)
-    pairs = len(rewards) == 2
-    reward = score(direction, RewardPair(*rewards)) if pairs else rewards[0]
+    pairs = static.heads == "pair"
+    reward = score(direction, like(direction, rewards)) if pairs else rewards[0]
     target = score(direction, batch.target)
 
     terms = {}
@@ -72,14 +72,14 @@ def objective(
     elif static.demonstrations:
         soft = static.backup == "soft"
         value = losses.soft_value(q, hyperparameters.temperature) if soft else q.max(axis=-1)
-        follows = score(direction, RewardPair(*later)) if pairs else later[0]
+        follows = score(direction, like(direction, later)) if pairs else later[0]
         terms["expert"] = losses.expert_term("chi2", reward[expert])
         terms["value"] = losses.value_term(value, follows, hyperparameters.discount)
     scored = expert if static.scored == "demonstrations" else slice(None)
     scale = (hyperparameters.strength, hyperparameters.chi2_alpha)
     gaps = [
         losses.shifted_chi2(implied[scored], centre[scored], *scale)
-        for implied, centre in zip(rewards, batch.target if pairs else [target], strict=True)
+        for implied, centre in zip(rewards, batch.target.parts if pairs else [target], strict=True)
     ]
     terms["prior"] = hyperparameters.prior_weight * sum(gaps[1:], gaps[0])
     total = jnp.sum(jnp.stack(list(terms.values())))
@@ -97,14 +97,14 @@ def _implied(
     batch, direction = rows.batch, rows.direction
     discount, pairs = hyperparameters.discount, static.heads == "pair"
 
-    def outputs(of: DialNetwork, observation: Array) -> Any:
+    def outputs(of: DialNetwork, observation: Array) -> tuple[Array, ...]:
         if pairs:
-            return jax.vmap(of.value_pair)(observation, direction)
+            return jax.vmap(of.value_pair)(observation, direction).parts
         return (jax.vmap(of)(observation, direction),)
 
-    def values(heads: Any) -> Array:
+    def values(heads: tuple[Array, ...]) -> Array:
         wide = jax.tree.map(lambda side: side[:, None], direction)
-        return score(wide, heads) if pairs else heads[0]
+        return score(wide, like(direction, heads)) if pairs else heads[0]
 
     heads = outputs(network, batch.observation)
     heads_next = outputs(target_network, batch.next_observation)
@@ -126,6 +126,11 @@ def _implied(
         for head, after in zip(heads, later, strict=True)
     ]
     return q, later, rewards
+
+
+def like(direction: RewardPair, parts: Any) -> RewardPair:
+    """Return the values of parts in the form of a direction: a pair, or r_social by class."""
+    return jax.tree.unflatten(jax.tree.structure(direction), parts)
 
 
 def _at(

@@ -13,7 +13,7 @@ from socialiq.learners.dial.config import DialConfig
 from socialiq.learners.expert_table import Batch, ExpertTable, Replay, draw_between
 from socialiq.learners.settings import DrawnAngles
 from socialiq.social.angle import exact_weights
-from socialiq.types import Ending, RewardPair
+from socialiq.types import ByClass, Ending, RewardPair
 
 
 class Rows(NamedTuple):
@@ -74,7 +74,7 @@ def draw_rows(
     if static.redraw_times:
         times = (static.redraw_times, static.timeout_reward, static.redraw_share)
         batch = at_other_times(for_time, batch, *times)
-    direction = draw_directions(for_angle, len(batch.action), static)
+    direction = draw_directions(for_angle, len(batch.action), static, static.classes)
     if driven is not None:  # some of the own rows, which are the last, are at the driven angles
         key, size = jax.random.fold_in(for_angle, 1), len(driven.env)
         as_driven = jax.random.uniform(key, (size,)) < static.driven_share
@@ -91,10 +91,13 @@ def draw_rows(
     return Rows(batch, direction, n_expert, demonstrators)
 
 
-def draw_directions(key: PRNGKeyArray, size: int, static: DrawnAngles) -> RewardPair:
+def draw_directions(
+    key: PRNGKeyArray, size: int, static: DrawnAngles, classes: bool = False
+) -> RewardPair:
     """Draw (cos α, sin α), α between the config's `low` and `high` and its margin.
 
-    α is uniform, or with `high_share` uniform on each side of `high_from`.
+    α is uniform, or with `high_share` uniform on each side of `high_from`. With classes sin α has
+    parts by class, of a class angle drawn uniformly between 0 and 90 degrees and the margin.
     """
     low, high = static.low - static.margin, static.high + static.margin
     if static.high_share is None:
@@ -102,7 +105,12 @@ def draw_directions(key: PRNGKeyArray, size: int, static: DrawnAngles) -> Reward
     else:
         angles = _angles_at(jax.random.uniform(key, (size,)), static)
     radians = jnp.deg2rad(angles)
-    return RewardPair(jnp.cos(radians), jnp.sin(radians))
+    env, social = jnp.cos(radians), jnp.sin(radians)
+    if not classes:
+        return RewardPair(env, social)
+    ends = {"minval": -static.margin, "maxval": 90.0 + static.margin}
+    of_class = jnp.deg2rad(jax.random.uniform(jax.random.fold_in(key, 1), (size,), **ends))
+    return RewardPair(env, ByClass(social * jnp.cos(of_class), social * jnp.sin(of_class)))
 
 
 def stratified_angles(

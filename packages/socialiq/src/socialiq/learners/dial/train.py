@@ -22,10 +22,11 @@ from socialiq.learners.expert_table import Batch, ExpertTable, Replay
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
+from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import QNetwork, network_of
-from socialiq.types import Ending, RewardPair, Simulator, Transitions
+from socialiq.types import ByClass, Ending, RewardPair, Simulator, Transitions
 
 
 class Carry(NamedTuple):
@@ -65,7 +66,15 @@ class Dial(Learner):
         knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
         pairs = static.heads == "pair"
         values = DialNetwork.initialise(
-            key, n_features, static.hidden, n_actions, *shape, static.times, pairs, knots
+            key,
+            n_features,
+            static.hidden,
+            n_actions,
+            *shape,
+            static.times,
+            pairs,
+            knots,
+            static.classes,
         )
         if not static.demonstrators:
             return Networks(values, None)
@@ -80,8 +89,8 @@ class Dial(Learner):
         ring = None
         if static.online:
             row, zero = Batch.empty(self.sizes[0]), jnp.zeros(())
-            if static.driven_share:
-                row = row._replace(direction=RewardPair(zero, zero))
+            pair = RewardPair(zero, ByClass(zero, zero) if static.classes else zero)
+            row = row._replace(target=pair, direction=pair if static.driven_share else None)
             ring = Replay.empty(static.replay_capacity, row)
         acting = self.begin(for_acting) if self.simulator else None
         return state, Carry(key, ring, acting, jnp.ones(()))
@@ -92,7 +101,7 @@ class Dial(Learner):
         for_world, for_angle = jax.random.split(key)
         count = self.static.environments
         begun = jax.vmap(self.simulator.reset)(jax.random.split(for_world, count))
-        return Acting(*begun, draw_directions(for_angle, count, self.static))
+        return Acting(*begun, draw_directions(for_angle, count, self.static, self.static.classes))
 
     def act(
         self, hyperparameters: HyperparameterArrays, network: DialNetwork, carry: Carry, key: Array
@@ -151,7 +160,7 @@ class Dial(Learner):
 
     def policy(
         self, hyperparameters: DialHyperparameters, state: TrainState, multiplier: Any = 1.0
-    ) -> DialPolicy:
+    ) -> DialPolicy | ClassDial:
         """Return the trained dial of one run."""
         return dial_of(self.static, hyperparameters, deployed(state), float(np.float64(multiplier)))
 
@@ -170,7 +179,7 @@ def dial_of(
     hyperparameters: DialHyperparameters,
     network: DialNetwork,
     multiplier: float = 1.0,
-) -> DialPolicy:
+) -> DialPolicy | ClassDial:
     """Return a network as a dial with its record."""
     record = {
         "learner": "dial",
@@ -179,7 +188,8 @@ def dial_of(
         "multiplier": multiplier,
     }
     temperature = hyperparameters.temperature / multiplier
-    return DialPolicy.of(network, temperature, static.low, static.high, record)
+    kind = ClassDial if static.classes else DialPolicy
+    return kind.of(network, temperature, static.low, static.high, record)
 
 
 def train(
