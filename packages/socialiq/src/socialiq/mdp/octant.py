@@ -17,8 +17,6 @@ from socialiq.social.angle import direction_of
 _TOLERANCE = 1e-9
 _FAR = 1e3  # times the largest coordinate, where dominated points are put
 
-Points = Float[np.ndarray, "vertex 3"]
-
 
 @dataclass(frozen=True, eq=False)
 class OctantFront:
@@ -29,7 +27,7 @@ class OctantFront:
     is attained by a deterministic, time-dependent policy.
     """
 
-    vertices: Points
+    vertices: Float[np.ndarray, "vertex 3"]
 
     def best(self, angle: float, class_angle: float) -> tuple[int, float]:
         """Return the number of the best vertex of a direction, in degrees, and its value J*."""
@@ -57,7 +55,9 @@ def octant_front(
     return OctantFront(_supported(best, points))
 
 
-def _supported(best: Callable[[np.ndarray], np.ndarray], points: Points) -> Points:
+def _supported(
+    best: Callable[[np.ndarray], np.ndarray], points: Float[np.ndarray, "point 3"]
+) -> Float[np.ndarray, "vertex 3"]:
     """Add the optimum of every plane's normal until all planes are sides of the front."""
     known = set[tuple[float, ...]]()
     while True:

@@ -70,8 +70,13 @@ def tabulate(world: GridWorld) -> Table:
         raise UserError(f"{type(world).__name__} is no gridworld: make one by make('crossing7')")
     states, outcome = world.states(), _outcomes(world)
     chance = np.asarray(world.chance, np.float64)
-    shares = {name: np.asarray(value, np.float64) for name, value in outcome.signals.items()}
-    signals = {name: value @ chance for name, value in shares.items()}
+
+    def expected(values: Any) -> Float[np.ndarray, "state action"]:
+        """Return means over chance; a value that no chance changes has no rounding."""
+        values = np.asarray(values, np.float64)
+        return values[..., 0] + (values - values[..., :1]) @ chance
+
+    signals = {name: expected(value) for name, value in outcome.signals.items()}
     initial = np.zeros(len(states))
     for state, probability in world.start:
         initial[world.index(state)] += probability
@@ -83,7 +88,7 @@ def tabulate(world: GridWorld) -> Table:
         rewards=world.rewards(signals),
         initial=initial,
     )
-    return Table(world, mdp, states, np.asarray(outcome.speed, np.float64) @ chance, signals)
+    return Table(world, mdp, states, expected(outcome.speed), signals)
 
 
 @lru_cache(maxsize=64)

@@ -52,8 +52,8 @@ def pixels(figure: Figure) -> np.ndarray:
 
 
 def _draw(axes: Any, world: GridWorld, state: State) -> None:
-    """Draw the grid with both roads, the others (orange) and the ego (blue)."""
-    from matplotlib.patches import Rectangle
+    """Draw the grid with both roads, the others (orange; round on foot) and the ego (blue)."""
+    from matplotlib.patches import Circle, Rectangle
 
     size, road = world.size, world.size // 2
     axes.set(xlim=(-0.5, size - 0.5), ylim=(-0.5, size - 0.5), xticks=[], yticks=[])
@@ -64,9 +64,16 @@ def _draw(axes: Any, world: GridWorld, state: State) -> None:
     for line in range(1, size):
         axes.axhline(line - 0.5, color="white", linewidth=1, zorder=1)
         axes.axvline(line - 0.5, color="white", linewidth=1, zorder=1)
-    ego, *vehicles = world.places(state)
-    for user in (*vehicles, ego):
-        _draw_vehicle(axes, user, EGO if user is ego else OTHER)
+    if world.crosswalk is not None:
+        for stripe in np.arange(-0.4, 0.4, 0.25):
+            corner = world.crosswalk - 0.35, road + stripe
+            axes.add_patch(Rectangle(corner, 0.7, 0.12, color="white", zorder=1))
+    ego, *others = world.places(state)
+    for user in (*others, ego):
+        if user.on_foot:
+            axes.add_patch(Circle((user.x, user.y), 0.2, facecolor=OTHER, edgecolor="white"))
+        else:
+            _draw_vehicle(axes, user, EGO if user is ego else OTHER)
 
 
 def _draw_vehicle(axes: Any, user: Place, color: str) -> None:
