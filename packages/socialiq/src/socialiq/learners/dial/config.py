@@ -272,6 +272,27 @@ SHORT = DialPreset(
 )
 
 
+# Chosen on training seeds 100 and 101 (docs/worlds/crosswalk7.md).
+CLASSES = DialPreset(
+    DialConfig(
+        classes=True,
+        demonstrations=False,
+        redraw_times=25,
+        backup="double",
+        hidden=(128, 128, 128),
+        high_from=70.0,
+        high_share=0.4,
+        replay_batch=512,
+        replay_capacity=400_000,
+        environments=16,
+        averaging=0.0005,
+        updates=160_000,
+    ),
+    DialHyperparameters(learning_rate=2e-3, exploration=0.2),
+)
+"""Social angle and class angle, in a world with classes of road users."""
+
+
 # Chosen on training seed 100 (docs/reproduction/intersection-dial.md).
 INTERSECTION = DialPreset(
     DialConfig(
@@ -294,6 +315,6 @@ INTERSECTION = DialPreset(
 """The intersection, with its clock."""
 
 
-PRESETS = RUNS | {"online-short": SHORT, "online-quick": QUICK}
-"""The study's runs, one with a fifth of the rows of `online`, and one that takes less than twice
-the time of a run of the thesis' learner."""
+PRESETS = RUNS | {"online-short": SHORT, "online-quick": QUICK, "online-classes": CLASSES}
+"""The study's runs, one with a fifth of the rows of `online`, one that takes less than twice the
+time of a run of the thesis' learner, and one for two angles."""

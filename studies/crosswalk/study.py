@@ -1,0 +1,55 @@
+"""Optima and dials of the 7x7 world with a crosswalk, over the social and the class angle."""
+
+import dataclasses
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.evaluation.classes import ClassGround
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.config import PRESETS
+from socialiq.learners.dial.train import train
+from socialiq.types import Row
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.registry import make_grid
+from socialiq_lab.study import Context, Findings
+
+SUMS = ("r_env", "r_vehicle", "r_vulnerable")
+DIAL = "dial.safetensors"
+"""File of the first seed's dial in the results folder: chosen before any was evaluated."""
+
+
+def compute_tables(config: Any, context: Context) -> Findings:
+    """Solve every direction, train a dial of each seed, and hold it against the optima."""
+    world = make_grid("crosswalk7").with_clock()
+    ground = ClassGround(tabulate(world))
+    preset = PRESETS["online-classes"]
+    static = dataclasses.replace(preset.structure, one_hot=world.one_hot)
+    static = dataclasses.replace(static, updates=config.updates or static.updates)
+    runs = [dataclasses.replace(preset.numbers, seed=seed) for seed in config.seeds]
+    callbacks = Callbacks(on_report=context.on_stage("dial of two angles"))
+    trained = train(static, runs, (), world.with_parts(), callbacks=callbacks)
+    dials, directions = list[Row](), list[Row]()
+    for run, seed in enumerate(config.seeds):
+        rows = [{"seed": seed} | row for row in ground.sweep(trained.policy(run), config.every)]
+        regrets = np.array([row["regret"] for row in rows])
+        largest = {"collision": max(row["collision"] for row in rows)}
+        means = {"mean_regret": float(regrets.mean()), "worst_regret": float(regrets.max())}
+        dials.append({"seed": seed} | means | largest)
+        directions += rows
+    optima = list(ground.optima(config.every))
+    fine = {_sums(row) for row in ground.optima(config.fine)}
+    summary = {"states": ground.part.mdp.n_states, "distinct_optima": len(fine)}
+    summary |= {"vertices": len(ground.front().vertices) if config.front else 0}
+    summary |= {"worst_regret": max(row["worst_regret"] for row in dials)}
+    with tempfile.TemporaryDirectory() as folder:
+        trained.policy(0).save(Path(folder) / DIAL)
+        files = {DIAL: (Path(folder) / DIAL).read_bytes()}
+    tables = {"optima": optima, "directions": directions, "dials": dials}
+    return Findings(tables, summary, files)
+
+
+def _sums(row: Row) -> tuple[float, ...]:
+    return tuple(round(row[name], 6) for name in SUMS)
