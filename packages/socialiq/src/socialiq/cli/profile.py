@@ -64,6 +64,13 @@ class New:
     delay_range: tuple[float, float] | None = None
     """Limits at which the delay of an episode is counted; by default -700 700, in a gridworld
     -100 100."""
+    max_waiting: float | None = None
+    """Largest mean number of steps an episode that pedestrians wait because of the policy, in a
+    gridworld with a crosswalk."""
+    min_waiting: float | None = None
+    """Smallest mean number of these."""
+    waiting_range: tuple[float, float] | None = None
+    """Limits at which the waiting in an episode is counted; by default 0 25."""
     max_braking: float | None = None
     """Largest mean number of hard brakings that the policy causes in an episode."""
     min_braking: float | None = None
@@ -136,7 +143,8 @@ class New:
         bounds = list[profile.Bound]()
         for name, quantity in QUANTITIES.items():
             ends = getattr(self, f"{name}_range", None)
-            usual = CELLS if self.world in GRIDWORLDS else quantity.range
+            cells = name == "delay" and self.world in GRIDWORLDS
+            usual = CELLS if cells else quantity.range
             limits = (ends or usual) if quantity.unit else None
             fields = {f"{side}_{name}": getattr(self, f"{side}_{name}") for side in SIDES}
             rows = [profile.Bound.of(*row, limits) for row in fields.items() if row[1] is not None]

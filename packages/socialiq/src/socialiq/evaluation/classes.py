@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.evaluation.effects import cells_lost
+from socialiq.evaluation.effects import caused_by_step
 from socialiq.evaluation.exact import action_table
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.mdp.octant import OctantFront, octant_front
@@ -17,9 +17,6 @@ from socialiq.nn.class_dial import ClassDial
 from socialiq.social.angle import direction_of
 from socialiq.types import Ending, Row
 from socialiq.worlds.enumerate import Table
-
-WAITING = "pedestrian_delay"
-"""Signal of a gridworld: pedestrians who wait in a step because of the ego."""
 
 
 _TIE = 1e-6  # weight of the sum of all rewards; it costs no more than 1e-4 of a value
@@ -39,7 +36,8 @@ class ClassGround:
         self.parts: tuple[StateActionArray, ...] = (
             table.world.with_parts().rewards(self.part.signals).parts
         )
-        self._lost = cells_lost(table)[table.mdp.reachable()]
+        reachable = table.mdp.reachable()
+        self._caused = [effect[reachable] for effect in caused_by_step(table).values()]
 
     def front(self) -> OctantFront:
         """Return all optima of the octant of directions."""
@@ -67,7 +65,7 @@ class ClassGround:
         """
         result = horizon_evaluation(self.part.mdp, chances, self.horizon)
         columns = ("r_env", "r_vehicle", "r_vulnerable", "vehicles_delayed", "pedestrians_waiting")
-        tables = (*self.parts, self._lost, self.part.signals[WAITING])
+        tables = (*self.parts, *self._caused)
         row = {
             name: float((result.visits * table).sum())
             for name, table in zip(columns, tables, strict=True)

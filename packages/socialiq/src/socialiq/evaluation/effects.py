@@ -25,6 +25,7 @@ from socialiq.worlds.highway.world import RoadBatch, RoadWorld
 from socialiq.worlds.world import Actor
 
 QUANTITIES = ("delay", "braking", "gap_below_1_s")
+WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego
 """Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
 
 SIDE_BY_SIDE = 256  # episodes at once
@@ -287,6 +288,15 @@ def cells_lost(table: Table) -> Float[np.ndarray, "state action"]:
     alone = mdp.successor[table.world.index(absent), 0]  # (state, chance)
     lost = states[alone][:, None][..., others] - states[mdp.successor][..., others]
     return (mdp.probability * lost.sum(axis=-1)).sum(axis=-1)
+
+
+def caused_by_step(table: Table) -> dict[str, Float[np.ndarray, "state action"]]:
+    """Return the expected effects of each step of a gridworld on others, by quantity.
+
+    They are the delay of vehicles in cells, and where there are pedestrians their waiting in steps.
+    """
+    waiting = {"waiting": table.signals[WAITING]} if WAITING in table.signals else {}
+    return {"delay": cells_lost(table)} | waiting
 
 
 def expected_delay(table: Table, chances: Float[np.ndarray, "*time state action"]) -> float:

@@ -34,7 +34,9 @@ WORLDS = {
 WEIGHED = {f"crosswalk7-{angle}": {"class_angle": float(angle)} for angle in range(0, 91, 15)}
 """Worlds of fixed class weights by name: the class angle in degrees that the name stands for."""
 
-GRIDWORLDS = ("crossing5", "crossing7", "crosswalk7", *WEIGHED)
+CROSSWALKS = ("crosswalk7", *WEIGHED)
+"""Worlds with pedestrians."""
+GRIDWORLDS = ("crossing5", "crossing7", *CROSSWALKS)
 INTERSECTIONS = ("intersection", "intersection" + CAUSED, *CONTINUOUS)
 NAMES = (*GRIDWORLDS, *INTERSECTIONS)
 """Every world of `make`."""

@@ -62,12 +62,14 @@ class Course:
         self.size = side_by_side or min(SIDE_BY_SIDE, len(seeds))
         # The episodes that run side by side, and their losses at a declared rule in a gridworld.
         self.batch: Any = world.batch(len(seeds) if world.is_exact else self.size, threads)
-        self.losses, self._effects, self._cells = None, measured, None
+        self.losses, self._effects = None, measured
+        self._by_step = dict[str, Float[np.ndarray, "state action"]]()
         if by_rule is not None and world.is_exact:
             self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
         if measured and world.is_exact:
             reachable = np.asarray(self.batch.table.world.index(self.batch.table.states))
-            self._cells = effects.cells_lost(world.table())[reachable]
+            caused = effects.caused_by_step(world.table())
+            self._by_step = {name: caused[name][reachable] for name in measured}
 
     def blocks(self, size: int) -> Iterator[Course]:
         """Yield the course of each block of so many episodes."""
@@ -134,14 +136,14 @@ class Course:
         totals, length = np.zeros((count, 2)), np.zeros(count, np.int64)
         ending, contact = np.zeros(count, np.int8), np.zeros(count, np.int8)
         contexts = None if self.losses is None else self.losses.begin(count)
-        delay = np.zeros(count)
+        caused = {name: np.zeros(count) for name in self._by_step}
         for step in simulate.simulate(self.batch, actor, self.seeds):
             rows, which = step.running, step.episode[step.running]
             if self.losses is not None and contexts is not None:
                 observation, action = step.observation[rows], step.action[rows]
                 self.losses.note(contexts, which, length[which], observation, action)
-            if self._cells is not None:
-                delay[which] += self._cells[step.observation[rows], step.action[rows]]
+            for name, effect in self._by_step.items():
+                caused[name][which] += effect[step.observation[rows], step.action[rows]]
             for side, reward in enumerate(step.made.rewards):
                 totals[which, side] += np.atleast_1d(reward)[rows]
             length[which] += 1
@@ -150,7 +152,7 @@ class Course:
                 contact[which] = step.made.contact[rows]
         assert (ending != Ending.NONE).all()
         beside = {} if contexts is None else {LOSS: contexts.declared.sum(axis=1)}
-        beside |= {} if self._cells is None else {"delay": delay}
+        beside |= caused
         return Outcomes(name, totals, ending, contact, length, angles, expected, beside, contexts)
 
 

@@ -30,10 +30,12 @@ class Quantity(NamedTuple):
 
 _METRES = "metres that others drive less than without the policy (cells in a gridworld)"
 _BRAKINGS = "decisions in which others brake harder than 4 m/s^2, less those without the policy"
+_WAITING = "steps that pedestrians wait because of the policy; in a gridworld with a crosswalk"
 _CLOSE = "episodes in which it is where a vehicle of another approach is within 1 s"
 QUANTITIES = {
     "delay": Quantity("costs others", "m", _METRES, (-700.0, 700.0)),
     "braking": Quantity("causes", "hard brakings", _BRAKINGS, (-40.0, 40.0)),
+    "waiting": Quantity("makes pedestrians wait", "steps", _WAITING, (0.0, 25.0)),
     "gap_below_1_s": Quantity("passes within 1 s of a crossing vehicle", "", _CLOSE, (0.0, 1.0)),
 }
 """Effects of a policy on others that a declaration can bound. No episode of the shipped drivers of

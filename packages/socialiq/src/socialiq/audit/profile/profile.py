@@ -13,13 +13,21 @@ from typing import Any, NamedTuple
 from socialiq.audit.profile import fields
 from socialiq.audit.profile.environment import Environment
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.effects import QUANTITIES
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds import NAMED, scene_named
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, NAMES, default_options, open_world
+from socialiq.worlds.registry import (
+    CROSSWALKS,
+    GRIDWORLDS,
+    INTERSECTIONS,
+    NAMES,
+    default_options,
+    open_world,
+)
 from socialiq.worlds.world import World
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.
@@ -215,9 +223,9 @@ class Bound:
 def measured_in(world: str) -> dict[str, str]:
     """Return the unit of each effect that a world of this name measures; none where it can't."""
     if world in GRIDWORLDS:
-        return {"delay": "cells"}
+        return {"delay": "cells"} | ({"waiting": "steps"} if world in CROSSWALKS else {})
     is_road = world in INTERSECTIONS[:2] or is_recorded(world) or scene_named(world) is not None
-    return {name: row.unit for name, row in fields.QUANTITIES.items()} if is_road else {}
+    return {name: fields.QUANTITIES[name].unit for name in QUANTITIES} if is_road else {}
 
 
 @dataclass(frozen=True)

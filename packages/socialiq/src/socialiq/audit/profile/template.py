@@ -16,6 +16,7 @@ from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
+from socialiq.worlds.registry import CROSSWALKS
 from socialiq.worlds.world import World
 
 _WIDTH = 88
@@ -59,6 +60,7 @@ USUAL = {
     "intersection-caused": Usual(0.5, 30.0, 0.075, Clip((-8.0, 12.0), (-30.0, 30.0))),
     "crossing5": Usual(0.15, 15.0, 0.075),
     "crossing7": Usual(0.5, 15.0, 0.075),
+    **dict.fromkeys(CROSSWALKS, Usual(0.5, 15.0, 0.075)),
 }
 """Defaults by world (docs/audit.md#the-defaults); elsewhere no reference dial is shipped."""
 
