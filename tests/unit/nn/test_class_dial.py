@@ -51,7 +51,7 @@ def test_a_damaged_header_is_refused(dial: ClassDial, header: dict, tmp_path) ->
     arrays, saved = load_arrays(path, ClassDial.KIND, ClassDial.VERSIONS)
     changed = {name: part for name, part in saved.items() if name != "sha256"} | header
     save_arrays(path, ClassDial.KIND, 1, arrays, changed)
-    with pytest.raises(UserError, match="dial.safetensors"):
+    with pytest.raises(UserError, match=r"dial\.safetensors"):
         ClassDial.load(path)
 
 

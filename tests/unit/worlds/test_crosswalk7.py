@@ -75,9 +75,7 @@ def test_weights_of_0_give_the_rewards_of_crossing7():
     alive = ~(table.mdp.ending == Ending.COLLISION).any(axis=2)
     social = plain.mdp.rewards.social[rows]
     np.testing.assert_array_equal(table.mdp.rewards.social, social)
-    np.testing.assert_array_equal(
-        table.mdp.rewards.env[alive], plain.mdp.rewards.env[rows][alive]
-    )
+    np.testing.assert_array_equal(table.mdp.rewards.env[alive], plain.mdp.rewards.env[rows][alive])
 
 
 def test_r_social_weighs_the_classes_by_the_angle(world):

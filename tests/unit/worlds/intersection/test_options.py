@@ -120,7 +120,9 @@ def test_unknown_options_are_refused():
 
 
 def test_its_states_cannot_be_listed():
-    line = "states of intersection can't be listed.*: choose one of crossing5, crossing7, crosswalk7"
+    line = (
+        "states of intersection can't be listed.*: choose one of crossing5, crossing7, crosswalk7"
+    )
     with pytest.raises(UserError, match=line):
         registry.make_grid("intersection")
 

@@ -48,9 +48,9 @@ class Collect(Printing):
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, intersection-continuous, intersection-continuous-steering (with
-    -offroad: leaving the road ends an episode), or an environment: a Gymnasium id, MODULE:ID or
-    MODULE:FUNCTION."""
+    """crossing5, crossing7, crosswalk7, intersection-continuous,
+    intersection-continuous-steering (with -offroad: leaving the road ends an episode), or an
+    environment: a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     out: Path
     """Demonstrations file to write; must not exist."""
     driver: tyro.conf.UseAppendAction[tuple[str, ...]] = ()

@@ -42,15 +42,16 @@ class Dial(Printing):
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, intersection, merge, roundabout; with a dial of continuous actions
-    intersection-continuous, or intersection-continuous-steering (with -offroad: leaving the road
-    ends an episode)."""
+    """crossing5, crossing7, crosswalk7, intersection, merge, roundabout; with a dial of
+    continuous actions intersection-continuous, or intersection-continuous-steering (with -offroad:
+    leaving the road ends an episode)."""
     policy: Path
     """Dial file, of `socialiq train dial`; where actions are continuous, of `train sac` or
     `iq-learn` with --set dial=true."""
     every: int = 5
-    """Degrees between the rows, of a dial of two angles between those of each. In a gridworld the summary has two mean regrets: that of the rows,
-    mean_regret_every_N, and that of every degree, mean_regret_every_1."""
+    """Degrees between the rows, of a dial of two angles between those of each. In a gridworld the
+    summary has two mean regrets: that of the rows, mean_regret_every_N, and that of every degree,
+    mean_regret_every_1."""
     soft: bool = False
     """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
     episodes: int = 500

@@ -46,7 +46,8 @@ class EffectsOf(Printing):
 
     world: Annotated[str, tyro.conf.Positional]
     """intersection, merge, roundabout, another road of highway-env, a file of `socialiq data
-    world`, or a gridworld, whose delay is exact, in cells: crossing5 or crossing7."""
+    world`, or a gridworld, whose delay is exact, in cells: crossing5, crossing7 or
+    crosswalk7."""
     _: KW_ONLY
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them."""

@@ -54,7 +54,7 @@ class Evaluate(Printing):
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Policy files, of `socialiq train`."""
     world: str = "crossing7"
-    """crossing5, crossing7, intersection, intersection-continuous,
+    """crossing5, crossing7, crosswalk7, intersection, intersection-continuous,
     intersection-continuous-steering (with -offroad: leaving the road ends an episode), or an
     environment."""
     data: Path | None = None

@@ -158,7 +158,9 @@ class Turn(Printing):
         if (kind == ClassDial.KIND) != (self.class_angle is not None):
             which = "is of one angle: leave out" if kind != ClassDial.KIND else "is of two: add"
             raise UserError(f"{self.dial} {which} --class-angle")
-        turned: dict[str, Any] = {} if self.class_angle is None else {"class_angle": self.class_angle}
+        turned: dict[str, Any] = (
+            {} if self.class_angle is None else {"class_angle": self.class_angle}
+        )
         if turned and self.angle is None and self.angle_rule is None:
             return self._written(self._dial(kind), turned)
         if (self.angle is None) == (self.angle_rule is None):

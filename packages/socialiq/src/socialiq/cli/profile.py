@@ -27,7 +27,7 @@ class New:
     """
 
     world: str
-    """crossing5, crossing7, intersection, intersection-continuous,
+    """crossing5, crossing7, crosswalk7, intersection, intersection-continuous,
     intersection-continuous-steering (with -offroad: leaving the road ends an episode), merge,
     roundabout, a file of `socialiq data world`, or an environment: a Gymnasium id, MODULE:ID or
     MODULE:FUNCTION."""

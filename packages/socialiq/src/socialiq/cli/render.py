@@ -37,8 +37,9 @@ class Render:
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, intersection, intersection-continuous, intersection-continuous-steering
-    (with -offroad: leaving the road ends an episode), merge or roundabout."""
+    """crossing5, crossing7, crosswalk7, intersection, intersection-continuous,
+    intersection-continuous-steering (with -offroad: leaving the road ends an episode), merge or
+    roundabout."""
     out: Path
     """PNG file to write; .gif or .mp4 for a film."""
     angle: float | None = None

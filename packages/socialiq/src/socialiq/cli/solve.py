@@ -105,7 +105,6 @@ class Front(Printing):
             print_table(radii, "Largest mean reward vector at each angle, by mixing policies")
         return 0
 
-
     def _by_class(self, every: float) -> int:
         """Print the optima of the octant of directions."""
         if not 0.0 < every <= 90.0:

@@ -18,7 +18,6 @@ from socialiq.social.angle import direction_of
 from socialiq.types import Ending, Row
 from socialiq.worlds.enumerate import Table
 
-
 _TIE = 1e-6  # weight of the sum of all rewards; it costs no more than 1e-4 of a value
 
 

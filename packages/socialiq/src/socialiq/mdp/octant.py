@@ -35,9 +35,7 @@ class OctantFront:
         return int(values.argmax()), float(values.max())
 
 
-def octant_front(
-    mdp: TabularMDP, parts: tuple[StateActionArray, ...], horizon: int
-) -> OctantFront:
+def octant_front(mdp: TabularMDP, parts: tuple[StateActionArray, ...], horizon: int) -> OctantFront:
     """Compute every vertex of the front of a finite horizon.
 
     The method is optimistic linear support (Roijers et al. 2015): a point beyond a plane of the

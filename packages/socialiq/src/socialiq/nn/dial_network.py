@@ -97,8 +97,7 @@ class DialNetwork(eqx.Module):
             last = layers[-1]
             assert last.bias is not None
             weight, bias = (
-                score(direction, _split(array, direction))
-                for array in (last.weight, last.bias)
+                score(direction, _split(array, direction)) for array in (last.weight, last.bias)
             )
             layers[-1] = with_weights(last, weight, bias)
         return QNetwork(tuple(layers), self.activation, self.view)

@@ -85,7 +85,7 @@ class GridWorld(World):
     places: Callable[[Sequence[int]], list[Place]]  # of the road users that are present in a state
     size: int  # number of columns and of rows; the roads cross in the middle
     units: tuple[str, ...] = ()  # names of the options that define the rewards
-    # Of each signal of road users who can be hurt, and the angle b of the class weights: r_social is
+    # Weights of signals of road users who can be hurt, and the angle b of the classes: r_social is
     # cos b of the sum over `social_weights` plus sin b of the sum over these. Without such signals
     # it is the first sum.
     vulnerable_weights: Mapping[str, float] = field(default_factory=dict)

@@ -58,13 +58,14 @@ class Dial(Printing):
     run without demonstrations has none."""
     _: KW_ONLY
     world: str
-    """crossing5, crossing7, intersection, merge or roundabout."""
+    """crossing5, crossing7, crosswalk7, intersection, merge or roundabout."""
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
     preset: str = ""
     """On a road of highway-env: intersection. In a gridworld: online-short (default), online (five
     times its rows), online-quick (seconds, less exact), online-alone (no demonstrations),
-    online-classes (no demonstrations, in crosswalk7: the class angle is free too), online-clockless, offline, offline-redrawn (each transition at newly drawn times)."""
+    online-classes (no demonstrations, in crosswalk7: the class angle is free too),
+    online-clockless, offline, offline-redrawn (each transition at newly drawn times)."""
     angle: float | None = None
     """Train for this one social angle in degrees, instead of 0 to 90."""
     budget: float | None = None

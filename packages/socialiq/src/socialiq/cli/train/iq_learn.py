@@ -37,8 +37,8 @@ class IQLearn(Printing):
     data: shared.Data
     _: KW_ONLY
     world: str = ""
-    """World of the learner: crossing5, crossing7, or an environment (a Gymnasium id, MODULE:ID
-    or MODULE:FUNCTION); none trains offline."""
+    """World of the learner: crossing5, crossing7, crosswalk7, or an environment (a Gymnasium
+    id, MODULE:ID or MODULE:FUNCTION); none trains offline."""
     out: shared.Out
     preset: str = ""
     """Settings to begin with: grid (default), table-c1, poc, lambda-sweep; for tens to hundreds of

@@ -88,7 +88,9 @@ class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
         if self.heads == "pair" and self.backup == "soft":
             raise UserError("--set heads=pair has no soft backup: add --set backup=hard or double")
         if self.classes and (self.demonstrations or not self.online):
-            raise UserError("--set classes=true learns in a world alone: --set demonstrations=false")
+            raise UserError(
+                "--set classes=true learns in a world alone: --set demonstrations=false"
+            )
         if self.classes and self.knots:
             raise UserError("--set knots is of one angle: leave it out with --set classes=true")
         if self.heads == "pair" and self.demonstrators:
