@@ -186,6 +186,7 @@ def _facts(declared: profile.Profile) -> dict[str, Any]:
         "angle": declared.angle,
         **rule,
         "world": declared.scenario.world,
+        **declared.scenario.options,
         "margin": declared.margin.regret,
         "width": declared.margin.width,
         "beyond": declared.margin.beyond,

@@ -155,6 +155,14 @@ def _grid(name: str, options: Any, _written: str) -> GridWorld:
     return WORLDS[name].make(options)
 
 
+def spelled_out(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return a world's name and options as a declaration has them: class weights are an option."""
+    if name not in CROSSWALKS:
+        return name, dict(options)
+    weights = {"class_angle": crosswalk7.Options.class_angle}
+    return _plain(name), weights | WEIGHED.get(name, {}) | options
+
+
 def make_grid(name: str, **options: Any) -> GridWorld:
     """Build a gridworld, a world whose states can be enumerated; refuse others as `make` does."""
     if name in WORLDS and name not in GRIDWORLDS:

@@ -142,8 +142,8 @@ class Course:
             if self.losses is not None and contexts is not None:
                 observation, action = step.observation[rows], step.action[rows]
                 self.losses.note(contexts, which, length[which], observation, action)
-            for name, effect in self._by_step.items():
-                caused[name][which] += effect[step.observation[rows], step.action[rows]]
+            for quantity, effect in self._by_step.items():
+                caused[quantity][which] += effect[step.observation[rows], step.action[rows]]
             for side, reward in enumerate(step.made.rewards):
                 totals[which, side] += np.atleast_1d(reward)[rows]
             length[which] += 1

@@ -16,7 +16,7 @@ from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.registry import CROSSWALKS
+from socialiq.worlds.registry import CROSSWALKS, spelled_out
 from socialiq.worlds.world import World
 
 _WIDTH = 88
@@ -98,9 +98,10 @@ def declare(
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
     """
+    world, options = spelled_out(world, options or {})
     options_as_lists = {
         name: list(option) if isinstance(option, tuple) else option
-        for name, option in sorted((options or {}).items())
+        for name, option in sorted(options.items())
     }
     built = declared.world_of(world, options_as_lists, allow_code)
     values: dict[str, Any] = {
