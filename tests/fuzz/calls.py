@@ -27,7 +27,7 @@ TINY = ["--updates", "2", "--hidden", "4", *NEW]
 BASES: dict[str, list[str]] = {
     "demo": ["--seeds", "0", "--out", OUT],
     "solve": ["crossing5"],
-    "front": ["crossing5"],
+    "front": ["crosswalk7", "--every", "45"],
     "predict-lambda": ["crossing5"],
     "render": ["crossing5", "--out", f"{OUT}.png"],
     "collect": ["crossing5", "--episodes", "2", "--out", OUT],

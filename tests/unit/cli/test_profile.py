@@ -74,7 +74,7 @@ def test_a_declaration_is_not_replaced_by_accident(tmp_path, capsys):
         (["--date", "31.1.2026"], "write it as 2026-01-31"),
         (["--margin", "0"], "margin.regret must be a number above 0"),
         (["--owner", "a\nb"], "owner must be 1 to 200 characters"),
-        (["--world", "crossing9"], "choose one of crossing5, crossing7, intersection"),
+        (["--world", "crossing9"], "choose one of crossing5, crossing7, crosswalk7"),
         (["--confidence", "2"], "confidence must be a number"),
     ],
 )

@@ -4,6 +4,7 @@ import pytest
 from socialiq.evaluation.classes import ClassGround
 from socialiq.mdp.octant import octant_front
 from socialiq.mdp.tabular import TabularMDP
+from socialiq.social.angle import direction_of
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
@@ -23,10 +24,10 @@ def test_the_front_has_the_best_of_every_direction_and_no_dominated_point():
     dominated = [(2.9, 0.0, 0.0), (3.0, -1.0, 0.0), (1.0, 1.0, 1.0), (0.0, 2.0, -1.0)]
     front = octant_front(*choices(best + dominated), 1)
     assert sorted(map(tuple, front.vertices.tolist())) == sorted(best)
-    number, value = front.best(0.0, 45.0)
+    number, value = front.best(direction_of(0.0, 45.0).parts)
     assert tuple(front.vertices[number]) == (3.0, 0.0, 0.0)
     assert value == 3.0
-    assert front.best(90.0, 90.0)[1] == 4.0
+    assert front.best(direction_of(90.0, 90.0).parts)[1] == 4.0
 
 
 def test_a_single_point_is_a_front():
@@ -57,6 +58,5 @@ def test_the_crosswalk_has_so_many_distinct_optima(every, directions, optima, gr
 def test_no_optimum_of_a_direction_exceeds_the_front(ground):
     front = ground.front()
     for row in ground.optima(10.0):
-        assert front.best(row["angle"], row["class_angle"])[1] == pytest.approx(
-            row["value"], abs=1e-9
-        )
+        direction = direction_of(row["angle"], row["class_angle"]).parts
+        assert front.best(direction)[1] == pytest.approx(row["value"], abs=1e-9)

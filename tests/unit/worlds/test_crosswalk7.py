@@ -7,7 +7,7 @@ from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make, make_grid
 
 STOP, SLOW, FAST = 0, 1, 2
-INSISTS = 4  # chance outcome in which an impatient pedestrian walks; nobody arrives or spawns
+INSISTS = 4  # chance outcome in which an impatient pedestrian walks; no user arrives
 ARRIVES = 2
 
 
@@ -31,7 +31,7 @@ GOES_ON, HIT = int(Ending.NONE), int(Ending.COLLISION)
 @pytest.mark.parametrize(
     ("ego", "speed", "waited", "action", "chance", "after"),
     [
-        (0, FAST, 0, STOP, 0, (0, 0, 0, GOES_ON)),  # nobody is there
+        (0, FAST, 0, STOP, 0, (0, 0, 0, GOES_ON)),  # no pedestrian
         (0, FAST, 0, STOP, ARRIVES, (1, 0, 0, GOES_ON)),
         (3, FAST, 1, STOP, 0, (2, 1, 0, GOES_ON)),  # waits for an ego that has not yet stood
         (3, STOP, 1, STOP, 0, (0, 0, 0, GOES_ON)),  # walks ahead of an ego that stands

@@ -134,7 +134,7 @@ def test_a_missing_field_is_named(text, field):
         ("date", "2026-01-31T10:00:00", "a date as 2026-01-31"),
         ("margin.regret", "0", "above 0"),
         ("margin.degrees", "181", "at most 180"),
-        ("scenario.world", '"moon"', "one of crossing5, crossing7, intersection"),
+        ("scenario.world", '"moon"', "one of crossing5, crossing7, crosswalk7"),
         ("reward.sha256", '"abc"', "64 hexadecimal digits"),
         ("reward.sha256", '"' + "A" * 64 + '"', "64 hexadecimal digits"),
         ("reward.sha256", '"' + "0" * 64 + '"', "reward.sha256 is of another world"),

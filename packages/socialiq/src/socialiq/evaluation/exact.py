@@ -171,7 +171,7 @@ def exact_regret(
     from socialiq.learners.dial.train import dial_of  # learning needs JAX
 
     def regret(network: Any, run: int, multiplier: float) -> float:
-        policy = dial_of(static, numbers[run], network, multiplier)
+        policy: Any = dial_of(static, numbers[run], network, multiplier)
         return ground.regret(policy.at(static.low), static.low, readout)
 
     return regret

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,6 @@ from scipy.spatial import ConvexHull
 
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.mdp.tabular import StateActionArray, TabularMDP
-from socialiq.social.angle import direction_of
 
 # Relative to the largest coordinate; the rounding of a hull's planes is about 1e-13.
 _TOLERANCE = 1e-9
@@ -29,9 +28,9 @@ class OctantFront:
 
     vertices: Float[np.ndarray, "vertex 3"]
 
-    def best(self, angle: float, class_angle: float) -> tuple[int, float]:
-        """Return the number of the best vertex of a direction, in degrees, and its value J*."""
-        values = self.vertices @ np.array(direction_of(angle, class_angle).parts)
+    def best(self, direction: Sequence[float]) -> tuple[int, float]:
+        """Return the number of the best vertex of a direction, three weights, and its value J*."""
+        values = self.vertices @ np.array(direction)
         return int(values.argmax()), float(values.max())
 
 

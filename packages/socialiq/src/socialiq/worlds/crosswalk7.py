@@ -46,7 +46,7 @@ def _step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
 
     The last feature is 0 without a pedestrian, else one more than the steps of waiting so far, at
     most `LONGEST`. A pedestrian walks if the ego is beyond the crosswalk, stands before it, or is
-    `FAR` and slow; if the ego stays on the crosswalk, nobody walks. The pedestrian is hit if the
+    `FAR` and slow; if the ego stays on the crosswalk, no one walks. The pedestrian is hit if the
     ego enters or passes over the crosswalk in the step of the walk; the episode ends, and a
     collision with a vehicle precedes it. Each step that a pedestrian does not walk is a delay that
     the ego causes: without it everyone walks at once.

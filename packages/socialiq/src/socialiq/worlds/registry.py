@@ -160,7 +160,7 @@ def spelled_out(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, A
     if name not in CROSSWALKS:
         return name, dict(options)
     weights = {"class_angle": crosswalk7.Options.class_angle}
-    return _plain(name), weights | WEIGHED.get(name, {}) | options
+    return _plain(name), {**weights, **WEIGHED.get(name, {}), **options}
 
 
 def make_grid(name: str, **options: Any) -> GridWorld:

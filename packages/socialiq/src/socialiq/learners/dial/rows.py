@@ -108,8 +108,8 @@ def draw_directions(
     env, social = jnp.cos(radians), jnp.sin(radians)
     if not classes:
         return RewardPair(env, social)
-    ends = {"minval": -static.margin, "maxval": 90.0 + static.margin}
-    of_class = jnp.deg2rad(jax.random.uniform(jax.random.fold_in(key, 1), (size,), **ends))
+    low, high, key = -static.margin, 90.0 + static.margin, jax.random.fold_in(key, 1)
+    of_class = jnp.deg2rad(jax.random.uniform(key, (size,), minval=low, maxval=high))
     return RewardPair(env, ByClass(social * jnp.cos(of_class), social * jnp.sin(of_class)))
 
 
