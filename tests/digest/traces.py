@@ -15,6 +15,7 @@ DECISIONS = 200
 ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "crossing5": ("socialiq/Crossing5-v1", {}),
     "crossing7": ("socialiq/Crossing7-v1", {}),
+    "crosswalk7": ("socialiq/Crosswalk7-v1", {}),
     "intersection": ("socialiq/Intersection-v1", {}),
     "intersection-left": ("socialiq/Intersection-v1", {"destination": "left"}),
     "intersection-straight": ("socialiq/Intersection-v1", {"destination": "straight"}),

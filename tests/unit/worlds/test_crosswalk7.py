@@ -85,7 +85,7 @@ def test_r_social_weighs_the_classes_by_the_angle(world):
     assert parts == ByClass(vehicle=-2.0, vulnerable=-0.5)
     found = [make_grid(f"crosswalk7-{angle}").rewards(signals).social for angle in (0, 30, 90)]
     assert found == pytest.approx([-2.0, -2.0 * np.sqrt(0.75) - 0.25, -0.5], abs=1e-15)
-    assert make("crosswalk7", class_angle=30.0).rewards(signals).social == found[1]
+    assert make_grid("crosswalk7", class_angle=30.0).rewards(signals).social == found[1]
 
 
 def test_the_definition_of_the_reward_names_the_class_weights():

@@ -104,7 +104,7 @@ class Dial(Printing):
             raise UserError("--calibrated is of one angle: `socialiq turn --class-angle` first")
         dial = ClassDial.load(self.policy)
         ground = ClassGround(drivers.gridworld_of(self.world, dial))
-        rows = list(ground.sweep(dial, self.every, self.readout))
+        rows = list(ground.sweep(dial, float(self.every), self.readout))
         regrets = [row["regret"] for row in rows]
         summary: Row = {"world": self.world, "policy": str(self.policy)}
         summary |= {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}

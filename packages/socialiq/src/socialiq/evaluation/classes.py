@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.evaluation.effects import caused_by_step
-from socialiq.evaluation.exact import action_table
+from socialiq.evaluation.exact import Readout, action_table
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.mdp.octant import OctantFront, octant_front
 from socialiq.mdp.tabular import StateActionArray
@@ -78,7 +78,7 @@ class ClassGround:
             chances, value = self.optimum(angle, class_angle)
             yield _named(angle, class_angle) | self.measured(chances) | {"value": value}
 
-    def sweep(self, dial: ClassDial, every: float, readout: str = "greedy") -> Iterator[Row]:
+    def sweep(self, dial: ClassDial, every: float, readout: Readout = "greedy") -> Iterator[Row]:
         """Yield the policy of a dial, and its regret, at every direction of a grid in degrees."""
         angles = [angle for angle in _grid(every) if dial.low <= angle <= dial.high]
         for class_angle in _grid(every):

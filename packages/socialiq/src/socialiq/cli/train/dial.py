@@ -132,8 +132,9 @@ class Dial(Printing):
         data_file = self.data and shared.described_file(self.data)
         record = {"preset": name, "world": self.world, "data": data_file}
         record |= {"budget": self.budget, "budget_path": []}
-        grid = isinstance(world, grid_world.GridWorld) and not static.classes
-        place = tabulate(world).reachable_part() if grid else world
+        place = world
+        if isinstance(world, grid_world.GridWorld) and not static.classes:
+            place = tabulate(world).reachable_part()
         return finish_dials(folder, trained, record, place, budget)
 
     def _preset(self) -> tuple[str, Any]:

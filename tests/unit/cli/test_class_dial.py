@@ -1,0 +1,56 @@
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from socialiq.audit.evidence.drive import Course
+from socialiq.cli.main import main
+from socialiq.evaluation.classes import ClassGround
+from socialiq.evaluation.simulate import ScriptedActor
+from socialiq.nn.class_dial import ClassDial
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.registry import make_grid
+
+
+@pytest.fixture(name="dial")
+def dial_file(tmp_path):
+    places = make_grid("crosswalk7").one_hot
+    network = DialNetwork.initialise(jax.random.key(0), 7, (8,), 3, one_hot=places, classes=True)
+    ClassDial.of(network, 0.5, 0.0, 90.0, {}).save(tmp_path / "dial.safetensors")
+    return str(tmp_path / "dial.safetensors")
+
+
+def test_a_dial_of_two_angles_is_evaluated_turned_and_driven(dial, tmp_path, capsys):
+    assert main(["dial", "crosswalk7", "--policy", dial, "--every", "45", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    rows = {(row["angle"], row["class_angle"]): row for row in found["angles"]}
+    assert len(rows) == 9
+    assert found["worst_regret"] == max(row["regret"] for row in rows.values()) > 0.0
+    both, policy = ["--class-angle", "90", "--angle", "45"], str(tmp_path / "policy.safetensors")
+    assert main(["turn", dial, *both, "--out", policy]) == 0
+    capsys.readouterr()
+    evaluate = ["evaluate", policy, "--world", "crosswalk7-90", "--angle", "45", "--json"]
+    assert main(evaluate) == 0
+    regret = json.loads(capsys.readouterr().out)["regret"]
+    assert regret == pytest.approx(rows[45.0, 90.0]["regret"], abs=1e-5)
+
+
+@pytest.mark.parametrize("words", [["--angle", "45"], ["--class-angle", "91"]])
+def test_a_class_angle_is_asked_for_and_checked(words, dial, tmp_path, capsys):
+    assert main(["turn", dial, *words, "--out", str(tmp_path / "policy.safetensors")]) == 2
+    assert "class" in capsys.readouterr().err
+
+
+def test_an_audit_measures_what_a_driver_causes_each_class():
+    table = tabulate(make_grid("crosswalk7-90"))
+    course = Course(table.world, np.arange(400), measured=("delay", "waiting"))
+    fast = ScriptedActor(lambda _, __, rows: np.full(len(rows), 2))
+    driven, ground = course.outcomes("fast", fast), ClassGround(table)
+    exact = ground.measured(np.tile([0.0, 0.0, 1.0], (ground.part.mdp.n_states, 1)))
+    for name, column in (("delay", "vehicles_delayed"), ("waiting", "pedestrians_waiting")):
+        values = driven.beside[name]
+        error = values.std() / np.sqrt(len(values))
+        assert exact[column] > 0.0
+        assert abs(values.mean() - exact[column]) <= 4 * error + 1e-12
