@@ -198,7 +198,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     summary = {
         "fleets": {
             f"{row['dial']}, spawn {row['spawn_probability']:g}, {row['angle']:g}": {
-                name: row[name] for name in ("arrival", "collision", "stuck")
+                name: row[name] for name in ("arrival", "collision", "timeout")
             }
             for row in fleets
         },

@@ -36,7 +36,7 @@ def test_fleets_after_self_play_arrive_where_others_wait(tables):
     for row in tables["fleets"]:
         if row["dial"].startswith("self-play") and row["angle"] <= 75.0:
             assert row["arrival"] > 0.89
-            assert row["stuck"] < 0.01
+            assert row["timeout"] < 0.01
     gains = [row for row in tables["invasions"] if row["dial"] == "self-play 501"]
     assert all(row["gain_low"] <= 0.0 for row in gains if row["resident"] <= 75.0)
     exploited = matching(tables["invasions"], dial="effects", invader=0.0)

@@ -84,7 +84,7 @@ def test_fleets_of_two_rules(dial, tmp_path, capsys):
     assert "What an invader (row) gets more" in out
     goes, waits = from_csv(tmp_path / "out" / "fleets.csv")
     assert waits["arrival"] == 0.0
-    assert waits["stuck"] > goes["stuck"]
+    assert waits["timeout"] > goes["timeout"]
     rows = from_csv(tmp_path / "out" / "invasions.csv")
     assert [(row["resident"], row["invader"]) for row in rows] == [(0.0, 90.0), (90.0, 0.0)]
     assert rows[0]["gain"] < 0.0

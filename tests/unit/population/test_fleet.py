@@ -18,14 +18,14 @@ def world():
     return make_fleet("intersection", 4, duration=12.0)
 
 
-def test_who_waits_is_stuck(world):
+def test_who_waits_is_out_of_time(world):
     episodes = fleet.drive(world, [policy("wait")], EVERYBODY, SEEDS)
     ran_out = episodes.ending == Ending.TIMEOUT
     assert ran_out.mean() > 0.7  # others may strike who stands
     assert (episodes.seconds[ran_out] == 12.0).all()
     row = fleet.summary(episodes, 0)
-    assert row["arrival"] + row["collision"] + row["stuck"] == pytest.approx(1.0)
-    assert row["stuck_low"] <= row["stuck"] <= row["stuck_high"]
+    assert row["arrival"] + row["collision"] + row["timeout"] == pytest.approx(1.0)
+    assert row["timeout_low"] <= row["timeout"] <= row["timeout_high"]
 
 
 def test_equal_drivers_in_two_groups_are_one_fleet(world):

@@ -49,7 +49,7 @@ class Population(Printing):
     spawn_probability: float = 0.6
     """Chance in a second that a rule-bound vehicle enters; 0: the fleet alone."""
     duration: float = fleet.DURATION
-    """Seconds after which an agent is stuck; the clock of a dial counts to it."""
+    """Seconds after which an agent is out of time; the clock of a dial counts to it."""
     episodes: int = 500
     """Episodes of each fleet; the same ones for all."""
     seed: int = 0

@@ -19,7 +19,7 @@ from socialiq.worlds.highway.world import RoadWorld
 
 SIDE_BY_SIDE = 256  # episodes at once
 DURATION = 30.0  # s; several vehicles need longer than one
-MEASURES = "r_env", "r_social", "arrival", "collision", "stuck", "seconds"
+MEASURES = "r_env", "r_social", "arrival", "collision", "timeout", "seconds"
 
 
 class Fleet(NamedTuple):
@@ -40,7 +40,7 @@ class Fleet(NamedTuple):
             "r_social": self.r_social,
             "arrival": self.ending == Ending.ARRIVAL,
             "collision": self.ending == Ending.COLLISION,
-            "stuck": self.ending == Ending.TIMEOUT,
+            "timeout": self.ending == Ending.TIMEOUT,
             "seconds": self.seconds,
         }
         count = present[rows].sum(axis=1)
