@@ -72,6 +72,7 @@ BASES: dict[str, list[str]] = {
     "audit nonce": ["--out", OUT],
     "audit commit": [POLICY, "--profile", PROFILE, "--log", "{out}/log"],
     "audit verify": ["{ok}/report"],
+    "audit across": ["{ok}/report", "{ok}/report"],
     "audit sign": ["{ok}/report", "--key", "{ok}/nowhere.pem"],
     "data from-arrays": ["{ok}/steps.npz", "--out", OUT],
     "data to-arrays": [DATA, "--out", f"{OUT}.npz"],

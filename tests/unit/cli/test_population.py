@@ -66,14 +66,19 @@ def test_one_setting_is_refused(files, tmp_path, capsys):
     assert "has one setting" in capsys.readouterr().err
 
 
+def rules(path, features, actions):
+    """Write a dial that takes the last action at 0 degrees, and the first at 90."""
+    weight = np.zeros((actions, features + 2), np.float32)
+    weight[-1, -2] = weight[0, -1] = 1.0  # (cos α, sin α)
+    network = QPolicy((weight,), (np.zeros(actions, np.float32),), "relu", 1.0)
+    DialPolicy(network, 0.0, 90.0).save(path)
+    return ["population", "--policy", str(path), "--angle", "0", "90", "--agents", "3"]
+
+
 @pytest.fixture
 def dial(tmp_path):
     """A dial that accelerates at 0 degrees and slows down at 90, by its angle alone."""
-    weight = np.zeros((3, 70 + 2), np.float32)
-    weight[2, -2] = weight[0, -1] = 1.0  # (cos α, sin α)
-    path = tmp_path / "rules.safetensors"
-    DialPolicy(QPolicy((weight,), (np.zeros(3, np.float32),), "relu", 1.0), 0.0, 90.0).save(path)
-    return ["population", "--policy", str(path), "--angle", "0", "90", "--agents", "3"]
+    return rules(tmp_path / "rules.safetensors", 70, 3)
 
 
 def test_fleets_of_two_rules(dial, tmp_path, capsys):
@@ -114,3 +119,20 @@ def test_mistakes_of_fleets_are_one_line(dial, words, says, capsys):
     message = capsys.readouterr().err
     assert says in message
     assert len(message.splitlines()) == 1
+
+
+def test_fleets_at_the_merge(dial, tmp_path, capsys):
+    words = rules(tmp_path / "merge.safetensors", 35, 5)
+    assert main([*words, "merge", "--episodes", "2", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["world"], result["duration"], result["spawn_probability"]) == ("merge", 40, None)
+    slows, keeps_left = (row["seconds"] for row in result["fleets"])
+    assert slows > keeps_left  # both by the angle alone
+    for call, says in (
+        ([*words, "merge", "--spawn-probability", "0.2"], "spawn_probability"),
+        ([*words, "merge", "--agents", "6"], "has 5 vehicles"),
+        ([*dial, "merge"], "name another policy"),
+    ):
+        assert main([*call, "--episodes", "2"]) == 2
+        message = capsys.readouterr().err
+        assert says in message and len(message.splitlines()) == 1

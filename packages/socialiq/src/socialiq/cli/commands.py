@@ -48,6 +48,7 @@ COMMANDS = {
     "audit nonce": "socialiq.cli.audit:WriteNonce",
     "audit commit": "socialiq.cli.audit:Commit",
     "audit verify": "socialiq.cli.audit_verify:Verify",
+    "audit across": "socialiq.cli.audit_across:Across",
     "audit sign": "socialiq.cli.audit_verify:Sign",
     "data from-arrays": "socialiq.cli.data:FromArrays",
     "data to-arrays": "socialiq.cli.data:ToArrays",

@@ -22,6 +22,7 @@ from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds.highway.world import RoadWorld, SceneWorld
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_fleet
 
@@ -36,7 +37,9 @@ class Population(Printing):
     Example: socialiq population intersection --policy dial.safetensors --angle 0 45 90 --agents 8
     """
 
-    world: Annotated[Literal["intersection"], tyro.conf.Positional] = "intersection"
+    world: Annotated[Literal["intersection", "merge", "roundabout"], tyro.conf.Positional] = (
+        "intersection"
+    )
     _: KW_ONLY
     policy: str
     """File of a dial."""
@@ -46,10 +49,12 @@ class Population(Printing):
     """Controlled vehicles, of 2 to 16."""
     invaders: int = 1
     """Of these, vehicles of another angle than the residents."""
-    spawn_probability: float = 0.6
-    """Chance in a second that a rule-bound vehicle enters; 0: the fleet alone."""
-    duration: float = fleet.DURATION
-    """Seconds after which an agent is out of time; the clock of a dial counts to it."""
+    spawn_probability: float | None = None
+    """Chance in a second that a rule-bound vehicle enters the intersection, by default 0.6; 0: the
+    fleet alone. Elsewhere the agents take the places of some of the road's vehicles."""
+    duration: float | None = None
+    """Seconds after which an agent is out of time; the clock of a dial counts to it. By default 30
+    at the intersection, elsewhere the road's own."""
     episodes: int = 500
     """Episodes of each fleet; the same ones for all."""
     seed: int = 0
@@ -68,12 +73,11 @@ class Population(Printing):
         if self.out:
             check_output_folder(self.out)
             drawing()
-        names = ("agents", "spawn_probability", "duration")
-        world = make_fleet(**{name: getattr(self, name) for name in names})
+        world = self.road()
         dial = dial_of(self.policy) if Path(self.policy).is_file() else None
         if not isinstance(dial, DialPolicy):
             raise UserError(f"{self.policy} is no file of a dial of discrete actions: name one")
-        assert isinstance(world, Intersection)
+        assert isinstance(world, Intersection | SceneWorld)
         refuse_misfit(self.policy, dial, world)
         usual = np.arange(dial.low, dial.high + 1e-9, 15.0).tolist()
         angles = tuple(dict.fromkeys(self.angle or usual))
@@ -87,9 +91,9 @@ class Population(Printing):
         invasions = list(invaders)
         result = {
             "world": world.name, "policy": self.policy, "agents": self.agents,
-            "invaders": self.invaders, "spawn_probability": self.spawn_probability,
-            "duration": self.duration, "episodes": self.episodes, "seed": self.seed,
-            "fleets": fleets, "invasions": invasions,
+            "invaders": self.invaders, "duration": world.options.duration,
+            "spawn_probability": getattr(world.options, "spawn_probability", None),
+            "episodes": self.episodes, "seed": self.seed, "fleets": fleets, "invasions": invasions,
         }  # fmt: skip
         if self.out:
             with whole_folder(self.out) as folder:
@@ -108,6 +112,13 @@ class Population(Printing):
         )
         print_table(fitness_table(angles, invasions), _INVASION)
         return 0
+
+    def road(self) -> RoadWorld:
+        """Return the road with its agents."""
+        usual: dict[str, Any] = {"spawn_probability": 0.6, "duration": fleet.DURATION}
+        given = {name: getattr(self, name) for name in ("agents", *usual)}
+        given = {name: value for name, value in given.items() if value is not None}
+        return make_fleet(self.world, **(usual if self.world == "intersection" else {}) | given)
 
     def by_episode(self, uniform: Mapping[float, fleet.Fleet]) -> list[Row]:
         """Return a row for each episode of the uniform fleets, with means over their agents."""

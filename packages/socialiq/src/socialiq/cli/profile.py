@@ -2,6 +2,7 @@
 
 import datetime
 import os
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,9 +15,10 @@ from socialiq.audit.verdict.bounds import faults_of_bounds
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending
+from socialiq.settings import assignments
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
-from socialiq.worlds.registry import GRIDWORLDS, NAMES, make
+from socialiq.worlds.registry import GRIDWORLDS, NAMES
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class New:
     angle_rule: Path | None = None
     """TOML file of a rule that gives the angle by the situation. --angle then only weighs whole
     episodes in the tables of an audit."""
+    set: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
+    """KEY=VALUE ... of options of the world, as spawn_probability=0.6: another scenario."""
     owner: str = "unnamed owner"
     """Name of the owner."""
     margin: float | None = None
@@ -104,6 +108,8 @@ class New:
                 date = datetime.date.fromisoformat(self.date)
             except ValueError as error:
                 raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
+        words = assignments([word for words in self.set for word in words])
+        options = {name: _value(text) for name, text in words.items()}
         usual, loss = template.USUAL.get(self.world, template.Usual(1.0)), self.largest_loss
         margin = usual.margin if self.margin is None else self.margin
         if (self.clip_env is None) != (self.clip_social is None):
@@ -115,7 +121,7 @@ class New:
             clip = None  # a margin beyond it excludes nothing, which the audit says
         # The limits of the rewards are those of a constant angle.
         if loss is None and clip is None and self.world in NAMES and not self.angle_rule:
-            loss = template.possible_loss(make(self.world), self.angle)
+            loss = template.possible_loss(profile.world_of(self.world, options), self.angle)
             loss = loss if loss and loss > margin else None
         width, bounded = self.width, clip is not None or self.world in GRIDWORLDS
         if width is None and bounded and self.angle <= LAST_DIRECTION and not self.angle_rule:
@@ -127,6 +133,7 @@ class New:
             self.world,
             profile.Margin(margin, None, loss, width, beyond),
             date,
+            options,
             confidence=self.confidence,
             competence=template.floor_at(self.angle),
             allow_code=self.allow_code,
@@ -177,6 +184,14 @@ class Check(Printing):
             raise UserError(f"{self.file}:{line}: {fault}")
         facts = _facts(declared)
         return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
+
+
+def _value(text: str) -> Any:
+    """Return a value as TOML writes it; other text is text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
 
 
 def _facts(declared: profile.Profile) -> dict[str, Any]:

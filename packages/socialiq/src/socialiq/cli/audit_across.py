@@ -1,0 +1,89 @@
+"""`audit across`: one verdict on a policy that was audited in several scenarios (9.5)."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.audit.report import verify
+from socialiq.audit.report.folder import REPORT
+from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.verdict import joint_decision
+from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.errors import UserError
+from socialiq.types import Row
+
+STATUS = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
+
+
+@dataclass(frozen=True)
+class Across(Printing):
+    """Give one verdict on a policy that was audited in several scenarios at one declared angle.
+
+    It passes if every audit passes, and fails if one fails. A policy that is not as declared in one
+    of the scenarios passes with at most the error of the audit there, so no error is divided; an
+    honest one fails with at most the sum of the errors. Exit status as of `socialiq audit`.
+
+    Example: socialiq audit across audit-usual audit-dense
+    """
+
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Report folders, of `socialiq audit --out`: one for each scenario."""
+
+    def run(self) -> int:
+        """Check the folders, print a row for each and the verdict."""
+        if len(self.folders) < 2:
+            raise UserError("one verdict needs two or more folders: name one for each scenario")
+        reports = [verify.read_report(folder / REPORT) for folder in self.folders]
+        for what, identity in _IDENTITIES.items():
+            for folder, report in zip(self.folders[1:], reports[1:], strict=True):
+                if identity(report) != identity(reports[0]):
+                    raise UserError(f"{folder} and {self.folders[0]} have not the same {what}")
+        scenarios = [report["hashes"]["scenario"] for report in reports]
+        for number, folder in enumerate(self.folders):
+            if scenarios[number] in scenarios[:number]:
+                first = self.folders[scenarios.index(scenarios[number])]
+                raise UserError(f"{folder} and {first} are of one scenario: name each once")
+        for folder in self.folders:
+            findings = verify.check_folder(folder)
+            if wrong := [*findings.faults, *findings.not_checked]:
+                raise UserError(f"{folder}: {wrong[0]}: see `socialiq audit verify {folder}`")
+        rows = [_row(folder, report) for folder, report in zip(self.folders, reports, strict=True)]
+        decision = joint_decision(Decision(row["verdict"]) for row in rows)
+        error = max(1.0 - report["declaration"]["confidence"] for report in reports)
+        unlogged = [str(row["folder"]) for row in rows if row["look"] == ""]
+        result = {"decision": decision.value, "error": round(error, 9), "scenarios": rows}
+        if self.json:
+            print_json(result | {"without_log": unlogged})
+            return STATUS[decision]
+        print_table(rows)
+        sys.stdout.write(
+            f"{decision.value.upper()} across {len(rows)} scenarios; who is not as declared in one "
+            f"of them passes with a chance of at most {100 * error:g} %.\n"
+        )
+        if unlogged:
+            sys.stdout.write(f"Without a log earlier tries aren't counted: {', '.join(unlogged)}\n")
+        return STATUS[decision]
+
+
+_IDENTITIES: dict[str, Any] = {
+    "policy": lambda report: (report["hashes"]["policy"], report["policy"]["deterministic"]),
+    "declared angle": lambda report: [
+        report["declaration"].get(name) for name in ("angle", "angle_rule")
+    ],
+}
+
+
+def _row(folder: Path, report: dict[str, Any]) -> Row:
+    scenario, look = report["declaration"]["scenario"], report["look"]
+    options = ", ".join(f"{name} {value}" for name, value in scenario["options"].items())
+    return {
+        "folder": str(folder),
+        "scenario": f"{scenario['world']}{' ' if options else ''}{options}",
+        "episodes": report["verdict"]["episodes"],
+        "margin": report["declaration"]["margin"]["regret"],
+        "look": "" if look is None else look["number"],
+        "verdict": report["verdict"]["decision"],
+    }
