@@ -51,6 +51,27 @@ def test_the_dial_turns_by_keys_and_by_mouse_and_drives_again(tab, address):
     assert int(dial.get_attribute("aria-valuenow")) < 15
 
 
+@pytest.mark.parametrize(
+    ("begin", "end", "angle"), [((0.615, 0.414), (0.319, 0.234), 75), ((0.3, 0.8), (0.3, 0.1), 45)]
+)
+def test_a_finger_turns_the_dial_by_its_arc_and_scrolls_elsewhere(
+    browser, address, begin, end, angle
+):
+    size = {"width": 390, "height": 844}
+    tab = browser.new_page(viewport=size, has_touch=True, is_mobile=True, reduced_motion="reduce")
+    go(tab, address, "#tab=fleet&fleet=45")
+    box, session = tab.locator("#fleet-dial").bounding_box(), tab.context.new_cdp_session(tab)
+    for step in range(11):
+        across, down = (x + step / 10 * (y - x) for x, y in zip(begin, end, strict=True))
+        place = {"x": box["x"] + across * box["width"], "y": box["y"] + down * box["height"]}
+        word = {"type": "touchMove" if step else "touchStart", "touchPoints": [place]}
+        session.send("Input.dispatchTouchEvent", word)
+    session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    turned = int(tab.get_attribute("#fleet-dial", "aria-valuenow"))
+    tab.close()
+    assert abs(turned - angle) <= 2
+
+
 def test_a_link_restores_what_is_shown(tab, address):
     go(tab, address, "#seed=86&angles=0,85&chosen=0&step=63&view=side&tab=turn&speed=2")
     assert tab.input_value("#seed") == "86" and tab.input_value("#speed") == "2"

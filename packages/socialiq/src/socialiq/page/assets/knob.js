@@ -33,6 +33,7 @@ export class Knob {
     root.append(this.hands);
     root.addEventListener("keydown", (event) => this.key(event));
     root.addEventListener("pointerdown", (event) => this.press(event));
+    root.addEventListener("touchstart", (event) => this.held && event.preventDefault(), { passive: false }); // or it scrolls
     root.addEventListener("pointermove", (event) => this.held && this.point(event));
     for (const name of ["pointerup", "pointercancel"]) root.addEventListener(name, () => (this.held = false));
   }
@@ -41,7 +42,7 @@ export class Knob {
     const [right, top] = [pointOf(0), pointOf(90)];
     const path = `M${right} A${RADIUS} ${RADIUS} 0 0 0 ${top}`;
     this.root.append(svg("path", { d: `M${CENTRE} L${right} A${RADIUS} ${RADIUS} 0 0 0 ${top} Z`, class: "dial-face" }));
-    this.root.append(svg("path", { d: path, class: "dial-arc" }));
+    this.root.append(svg("path", { d: path, class: "dial-arc" }), svg("path", { d: path, class: "dial-grasp" }));
     for (let angle = 0; angle <= 90; angle += 5) {
       const long = angle % 15 === 0;
       const [x1, y1] = pointOf(angle, long ? 0.9 : 0.945);
@@ -77,7 +78,9 @@ export class Knob {
     this.hands.append(svg("text", { x: cx, y: cy + (chosen ? 5 : 4), class: `dial-letter ${chosen ? "chosen" : ""}` }, letter));
   }
 
+  /** A finger turns the dial by its arc; elsewhere it scrolls the page. */
   press(event) {
+    if (event.pointerType === "touch" && !event.target.matches(".dial-grasp")) return;
     this.held = true;
     this.root.setPointerCapture(event.pointerId);
     this.root.focus({ preventScroll: true });
