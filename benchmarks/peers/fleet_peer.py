@@ -5,8 +5,8 @@
 
 Eight agents at the intersection through PettingZoo and SuperSuit, one network for each angle. An
 agent gets its own r_env and, for the social part, the sum of the others' while it drives, as in
-self-play. By default PPO takes as many decisions of agents as self-play labelled states. It is then
-driven on the episodes of the study `population`.
+self-play. By default PPO takes as many steps as self-play labelled states; steps of agents that
+ended before the last one count. It is then driven on the episodes of the study `population`.
 """
 
 # These libraries are in the extras alone.
