@@ -53,6 +53,16 @@ def test_counts_are_of_parts(waiting):
     assert waiting.caused.sum() > 50  # who queues behind it brakes
 
 
+def test_drivers_share_the_world_without_the_ego(world, waiting):
+    begun = {}
+    measure(world, world.driver("go"), SEEDS, begun)
+    [state] = begun.values()
+    after_another = measure(world, world.driver("wait"), SEEDS, begun)
+    assert not state.ledger.signals.any() and (state.episodes["time"] == 0).all()
+    for name in waiting._fields:
+        np.testing.assert_array_equal(getattr(waiting, name), getattr(after_another, name))
+
+
 def test_blocks_of_episodes_make_no_difference(world, monkeypatch):
     driver = world.driver("go")
     together = measure(world, driver, SEEDS)

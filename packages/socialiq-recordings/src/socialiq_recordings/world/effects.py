@@ -210,14 +210,14 @@ def _account(junction, results, ledger, at, settings, effects):
 
 @kernel
 def _look_ahead(junction, results, ledger, at, number, settings):
-    """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
+    """Write what others do in the next decisions, as `highway.core.effects`."""
     traffic, row, moved = junction[1], at.row, np.zeros((at.count, 2))
     level = junction[2][number] if number >= 0 else math.nan
     if number < 0:
         _remove(traffic, row, at.ego)
         traffic.ego[row] = -1
     ledger.ahead[row] = math.nan
-    for later in range(AHEAD):
+    for later in range(AHEAD if number >= -1 else 1):
         _drive(junction, results, at, level, settings, moved)
         for vehicle in range(at.count):
             state = results.vehicles[row, vehicle]

@@ -13,7 +13,7 @@ from socialiq.cli.drivers import dial_of, driver_of, gridworld_of
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.effects import Effects, expected_delay, measure, measuring, summary
+from socialiq.evaluation.effects import Begun, Effects, expected_delay, measure, measuring, summary
 from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
@@ -110,6 +110,7 @@ class EffectsOf(Printing):
         assert isinstance(world, RoadWorld)
         world = measuring(world, **options)
         seeds, rows = np.arange(self.seed, self.seed + self.episodes), []
+        begun: Begun = {}
         with contextlib.ExitStack() as closing:
             # What can't work is refused before the first driver drives.
             world.batch(1)
@@ -120,7 +121,7 @@ class EffectsOf(Printing):
                 for name, angle in self.drivers()
             ]
             for name, angle, loaded in opened:
-                effects = measure(world, loaded.policy, seeds)
+                effects = measure(world, loaded.policy, seeds, begun)
                 row: Row = {"policy": name, "angle": "" if angle is None else angle}
                 rows.append(row | summary(effects))
                 episodes += [row | line for line in by_episode(effects, seeds)]

@@ -19,7 +19,7 @@ from socialiq.evaluation.simulate import actor_of
 from socialiq.statistics.intervals import normal_mean, wilson
 from socialiq.types import Ending, Policy, RewardPair, Row
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.effects import ABSENT, RELATIONS, REPEAT, EffectOptions
+from socialiq.worlds.highway.effects import NEXT_ABSENT, RELATIONS, REPEAT, EffectOptions
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld
 from socialiq.worlds.world import Actor
@@ -36,6 +36,11 @@ SLOWED = 0.5  # m/s, from which a decision of the ego slows a vehicle down
 BRAKES = 1.0  # m/s lost in a decision, from which a vehicle brakes
 GAINED = 0.5  # m in the decisions ahead, from which a credited vehicle gains or loses
 
+
+MOST_BEGUN = 40  # blocks of episodes whose beginnings are kept
+Begun = dict[bytes, Any]
+"""States at the reset of blocks of episodes, by their seeds, the world without the ego with them:
+it is the same for every driver."""
 
 Road = TypeVar("Road", bound=RoadWorld)
 Counts = Int64[np.ndarray, " episode"]
@@ -85,8 +90,15 @@ class Effects(NamedTuple):
 _COUNTS = "charged", "not_caused", "caused", "missed", "credited", "gained", "lost"
 
 
-def measure(world: RoadWorld, policy: Policy, seeds: Sequence[int] | np.ndarray) -> Effects:
+def measure(
+    world: RoadWorld,
+    policy: Policy,
+    seeds: Sequence[int] | np.ndarray,
+    begun: Begun | None = None,
+) -> Effects:
     """Drive one greedy episode for each seed, and return what the driver causes in each.
+
+    Drivers of one world can share `begun`.
 
     Raises:
         UserError: If the world doesn't measure effects, its actions are continuous, or there is no
@@ -102,7 +114,7 @@ def measure(world: RoadWorld, policy: Policy, seeds: Sequence[int] | np.ndarray)
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         block = np.asarray(seeds[first : first + SIDE_BY_SIDE])
         batch = world.batch(len(block))
-        blocks.append(_drive(batch, actor_of(batch, policy), block))
+        blocks.append(_drive(batch, actor_of(batch, policy), block, begun))
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     totals = RewardPair(columns.pop("env"), columns.pop("social"))
     return Effects(totals=totals, **columns)
@@ -129,26 +141,43 @@ def caused(
     seeds: Int64[np.ndarray, " episode"],
     size: int,
     threads: int = 1,
+    begun: Begun | None = None,
 ) -> Mapping[str, Float[np.ndarray, " episode"]]:
     """Drive one episode for each seed, and return what the driver causes in it: `QUANTITIES`.
 
-    So many episodes run side by side always, since the last bits of a network depend on it.
+    So many episodes run side by side always, since the last bits of a network depend on it. Drivers
+    of one world can share `begun`.
     """
     batch, blocks = measuring(world).batch(size, threads), list[np.ndarray]()
     for first in range(0, len(seeds), size):
         block = np.resize(seeds[first : first + size], size)
-        column = _drive(batch, actor_on(batch), block, judging=False)
+        column = _drive(batch, actor_on(batch), block, begun, judging=False)
         close = column["gap"] < CLOSE
         blocks.append(np.stack([column["delay"].sum(axis=1), column["braking"], close]))
     columns = np.concatenate(blocks, axis=1)[:, : len(seeds)]
     return dict(zip(QUANTITIES, columns, strict=True))
 
 
+def _reset(batch: RoadBatch, seeds: np.ndarray, begun: Begun | None) -> None:
+    """Begin episodes, by their state if another driver has begun them."""
+    block = np.asarray(seeds, np.uint64).tobytes()
+    if begun and block in begun:
+        batch.restore(begun[block])
+    else:
+        batch.reset(seeds)
+        if begun is not None and len(begun) < MOST_BEGUN:
+            begun[block] = batch.save()
+
+
 def _drive(
-    batch: RoadBatch, actor: Actor, seeds: np.ndarray, judging: bool = True
+    batch: RoadBatch,
+    actor: Actor,
+    seeds: np.ndarray,
+    begun: Begun | None = None,
+    judging: bool = True,
 ) -> dict[str, np.ndarray]:
     """Return the columns of `Effects` of episodes that begin together, judging Eq 4.2 or not."""
-    batch.reset(seeds)
+    _reset(batch, seeds, begun)
     actor.begin(np.arange(len(seeds)), seeds)
     ledger, egos, options = batch.ledger, batch.egos, batch.options
     assert ledger is not None
@@ -209,16 +238,17 @@ class _Ahead(NamedTuple):
 def _looks_ahead(batch: RoadBatch, action: np.ndarray, running: np.ndarray) -> _Ahead:
     ledger = batch.ledger
     assert ledger is not None
-    batch.measure(ABSENT, running)
+    batch.measure(NEXT_ABSENT, running)
     absent_speed = ledger.ahead[..., 0].copy()
-    repeated = np.full_like(absent_speed, np.nan)
-    for number in np.unique(action[running]).tolist():
+    batch.measure(REPEAT + batch.faster, running)
+    accelerating = ledger.ahead[..., 1].copy()
+    repeated = accelerating.copy()
+    for number in np.setdiff1d(action[running], [batch.faster]).tolist():
         taking = running & (action == number)
         # below 0 it drives as others do, which is behind the actions
         batch.measure(REPEAT + (number if number >= 0 else batch.n_actions), taking)
         repeated[taking] = ledger.ahead[taking, :, 1]
-    batch.measure(REPEAT + batch.faster, running)
-    return _Ahead(absent_speed, repeated, ledger.ahead[..., 1].copy())
+    return _Ahead(absent_speed, repeated, accelerating)
 
 
 def _judged(

@@ -64,6 +64,7 @@ class Course:
         self.batch: Any = world.batch(len(seeds) if world.is_exact else self.size, threads)
         self.losses, self._effects = None, measured
         self._by_step = dict[str, Float[np.ndarray, "state action"]]()
+        self._begun: effects.Begun = {}
         if by_rule is not None and world.is_exact:
             self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
         if measured and world.is_exact:
@@ -120,6 +121,7 @@ class Course:
             seeds % LARGEST_SEED if scene else seeds,
             self.size,
             self._threads,
+            self._begun,
         )
         columns = {name: caused[name] for name in self._effects}
         return replace(outcomes, beside={**outcomes.beside, **columns})

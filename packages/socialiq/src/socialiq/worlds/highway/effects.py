@@ -104,9 +104,9 @@ def record_of(effects: EffectOptions, options: RoadOptions) -> np.ndarray:
     return record
 
 
-BEGIN, PREPARE, ACCOUNT, ABSENT, REPEAT = range(5)
+BEGIN, PREPARE, ACCOUNT, NEXT_ABSENT, ABSENT, REPEAT = range(6)
 """Commands of the core: after a reset, before a decision, after a decision; look ahead without the
-ego, or (and above, plus the action) with an ego that repeats an action."""
+ego, one decision or `AHEAD`, or (and above, plus the action) with an ego that repeats an action."""
 
 AHEAD = 5  # decisions of a look ahead
 

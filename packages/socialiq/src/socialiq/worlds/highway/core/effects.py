@@ -332,7 +332,10 @@ def _look_ahead_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
 
     @kernel
     def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
-        """Write what others do in the next decisions without the ego (-1), or if it repeats one."""
+        """Write what others do in the next decisions if the ego repeats an action.
+
+        Without it below 0, in the next decision alone if below -1.
+        """
         most = ledger.driven.shape[1]
         copies, vehicles = copied(buffers, row, most)
         ego_identity, moved = vehicles[copies[0].controlled[0]].identity, np.zeros((most, 2))
@@ -341,7 +344,7 @@ def _look_ahead_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
             remove(copies[0], vehicles, copies[0].controlled[0])
         for identity in range(most):
             ledger.ahead[row, identity, 0], ledger.ahead[row, identity, 1] = np.nan, np.nan
-        for later in range(AHEAD):
+        for later in range(AHEAD if action >= -1 else 1):
             if action >= 0:
                 choose(vehicles[copies[0].controlled[0]], action, road, settings)
             drive_on(
@@ -388,7 +391,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
         elif command == ACCOUNT:
             account(buffers, ledger, row, number - 1, road, settings, effects)
         else:
-            action = command - REPEAT  # -1 without the ego
+            action = command - REPEAT  # below 0 without the ego
             look_ahead(buffers, ledger, row, number, action, road, settings, effects)
 
     return run
