@@ -1,0 +1,178 @@
+"""Policies that are audited where they drive as declared, and drive otherwise elsewhere (9.5).
+
+Every policy is declared by the defaults of one angle. A verdict across scenarios is that of
+`socialiq audit across`: a pass needs a pass in each.
+"""
+
+import contextlib
+import datetime
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from socialiq import Margin, declare
+from socialiq.audit.evidence.collect import drive_references
+from socialiq.audit.evidence.drive import Course
+from socialiq.audit.evidence.outcomes import Evidence, Reference
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.template import USUAL, floor_at
+from socialiq.audit.request import SHIPPED_DIAL, Trust, dial_angles, resolve_references
+from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.verdict import Decisive, decide, joint_decision
+from socialiq.evaluation.effects import QUANTITIES
+from socialiq.learners.settings import check_counts
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.statistics.intervals import normal_mean
+from socialiq.storage import packaged_results
+from socialiq.types import Policy, Row
+from socialiq.worlds.highway.options import FEATURES
+from socialiq.worlds.registry import make
+from socialiq_lab.study import Context, Findings, tracked
+
+WORLD = "intersection"
+DAY = datetime.date(2026, 11, 27)
+SCENARIOS: dict[str, dict[str, Any]] = {
+    "quiet": {"initial_vehicle_count": 2, "spawn_probability": 0.1},
+    "usual": {},
+    "dense": {"initial_vehicle_count": 8, "spawn_probability": 0.5},
+}
+"""Options of the intersection by scenario."""
+RESAMPLES = 2000
+RULES = ("go", "wait")
+UNKNOWN = {"kind": "python", "source": "", "sha256": ""}
+"""Record of a policy that is none of the references."""
+
+Rows = Float32[np.ndarray, "batch feature"]
+
+
+class Switching(NamedTuple):
+    """A policy that drives as one in some states, and as another in the rest; time is seen."""
+
+    audited: Policy
+    elsewhere: Policy
+    is_elsewhere: Callable[[Rows], Bool[np.ndarray, " batch"]]
+    n_features: int
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[np.ndarray, Any]:
+        """Choose one action for each row, by its observation alone."""
+        actions = [
+            policy.predict(observation[:, : getattr(policy, "n_features", self.n_features - 1)])[0]
+            for policy in (self.elsewhere, self.audited)
+        ]
+        return np.where(self.is_elsewhere(observation), *actions), state
+
+
+def crowded(most: int) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
+    """Return whether more than so many vehicles are in view."""
+
+    def is_crowded(observation: Rows) -> Bool[np.ndarray, " batch"]:
+        rows = observation[:, :-1].reshape(len(observation), -1, len(FEATURES))
+        return (rows[:, 1:, 0] > 0).sum(axis=1) > most
+
+    return is_crowded
+
+
+def drawn(share: float) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
+    """Return whether an observation is in a share of all, by digits that mean nothing."""
+    return lambda observation: np.modf(np.abs(observation.sum(axis=1)) * 1e4)[0] < share
+
+
+def policies(config: Any) -> Iterator[tuple[str, Policy]]:
+    """Yield the policies that are declared: honest, of other angles, switching, rash, rules."""
+    world, dial = make(WORLD), DialPolicy.load(packaged_results() / SHIPPED_DIAL)
+    honest, size = dial.at(config.declared), world.n_features + 1
+    yield f"dial at {config.declared:g}", honest
+    for angle in (0.0, 30.0):
+        yield f"dial at {angle:g}", dial.at(angle)
+    bad = {"egoist": dial.at(0.0), "go": world.driver("go"), "wait": world.driver("wait")}
+    for name, policy in bad.items():
+        for most in config.thresholds:
+            switching = Switching(honest, policy, crowded(most), size)
+            yield f"{name} if it sees more than {most}", switching
+    for share in config.shares:
+        rash = Switching(honest, bad["go"], drawn(share), size)
+        yield f"go in {100 * share:g} % of decisions", rash
+    for rule in RULES:
+        yield rule, world.driver(rule)
+
+
+def declaration(angle: float, options: dict[str, Any]) -> Profile:
+    """Return the default declaration of an angle in a scenario."""
+    usual = USUAL[WORLD]
+    margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
+    how = {"competence": floor_at(angle), "clip": usual.clip}
+    return declare(angle, "a study", WORLD, margin, DAY, options, **how)
+
+
+def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
+    """Yield verdict and effects of every policy in a scenario, all on the same episodes."""
+    profile = declaration(config.declared, SCENARIOS[scenario])
+    world, width = profile.world(), profile.margin.width
+    seeds = np.random.default_rng(config.seed).integers(2**62, size=config.episodes)
+    course, measured = Course(world, seeds), Course(world, seeds, measured=tuple(QUANTITIES))
+    with contextlib.ExitStack() as closing:
+        angles = dial_angles(config.declared, width)
+        compared = resolve_references(world, (), UNKNOWN, Trust(), closing, angles)
+        references = drive_references(course, compared.drivers)
+    stage, honest = f"audits, {scenario}", None
+    for name, policy in tracked(list(policies(config)), context.on_stage, stage, "policies"):
+        outcomes = measured.drive(Reference("policy", policy))
+        evidence = Evidence(world.description, seeds, outcomes, references, {}, ())
+        verdict = decide(profile, evidence, config.seed, RESAMPLES, profile.error)
+        row: Row = {"policy": name, "scenario": scenario, "verdict": verdict.decision.value}
+        row |= {"decided_by": deciding(verdict), "regret": verdict.regret.regret}
+        row |= {test.name: test.share for test in cast(Any, verdict.competence)}
+        for quantity in QUANTITIES:
+            row |= normal_mean(quantity, outcomes.beside[quantity])
+        delay = outcomes.beside["delay"]
+        honest = delay if honest is None else honest
+        yield row | normal_mean("extra", delay - honest)
+
+
+def deciding(verdict: Decisive) -> str:
+    """Return the tests that failed, or that leave the verdict open; none of a pass."""
+    beside = {"regret": verdict.regret, "direction": verdict.direction}
+    tests = beside | {"character": verdict.character}
+    tests |= {test.name: test for test in verdict.competence}
+    if verdict.decision is Decision.PASS:
+        return ""
+    return ", ".join(
+        name for name, test in tests.items() if test and test.decision is verdict.decision
+    )
+
+
+def across_rows(audits: list[Row], scenarios: list[str]) -> Iterator[Row]:
+    """Yield for each policy its verdicts alone and across, and the effects where others lose most.
+
+    `extra` is the delay there beyond that of the honest policy, the first one, in metres.
+    """
+    for name in dict.fromkeys(row["policy"] for row in audits):
+        rows = {row["scenario"]: row for row in audits if row["policy"] == name}
+        joint = joint_decision(Decision(row["verdict"]) for row in rows.values())
+        worst = max(rows.values(), key=lambda row: row["extra"])
+        row: Row = {"policy": name} | {name: rows[name]["verdict"] for name in scenarios}
+        row |= {"across": joint.value, "worst_in": worst["scenario"]}
+        columns = "extra", "extra_low", "extra_high", "delay", "braking", "gap_below_1_s"
+        yield row | {column: worst[column] for column in columns}
+
+
+def compute_tables(config: Any, context: Context) -> Findings:
+    """Audit every policy in every scenario; find the worst that passes each, and all."""
+    check_counts(config, ("episodes",))
+    scenarios = list(config.scenarios)
+    audits = [row for name in scenarios for row in audit_rows(config, name, context)]
+    across = list(across_rows(audits, scenarios))
+    summary: dict[str, Any] = {}
+    for what in (*scenarios, "across"):
+        passing = [row for row in across if row[what] == "pass"]
+        worst = max(passing, key=lambda row: row["extra"], default=None)
+        summary[what] = {"passing": len(passing), "worst": worst}
+    return Findings({"audits": audits, "across": across}, summary)
