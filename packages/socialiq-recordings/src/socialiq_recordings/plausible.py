@@ -118,7 +118,7 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
     if far.all():
         raise UserError(f"every track has a position or velocity above {FARTHEST:g}: not metres")
     reason = f"a position or velocity is above {FARTHEST:g}"
-    refused = [Refused(str(identity), reason) for identity in tracks.identity[far]]
+    refused = [_refused(tracks, track, reason) for track in np.flatnonzero(far).tolist()]
     tracks = tracks.select(~far) if far.any() else tracks
     reasons = np.full(tracks.n_tracks, "", object)
     bad = _wrong_size(tracks, 1.0)
@@ -138,15 +138,18 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
     if (reasons == "").any():
         _check_overlaps(tracks, error, reasons)
     good = reasons == ""
-    refused += [
-        Refused(str(tracks.identity[track]), str(reasons[track])) for track in np.flatnonzero(~good)
-    ]
+    refused += [_refused(tracks, track, reasons[track]) for track in np.flatnonzero(~good).tolist()]
     if not good.any():
         raise UserError(
             f"none of the {len(refused)} tracks can be true; the first, {refused[0].identity}: "
             f"{refused[0].reason}"
         )
     return tracks.select(good), refused
+
+
+def _refused(tracks: Tracks, track: int, reason: str) -> Refused:
+    kind = RoadUser(tracks.road_user[track]).name.lower()
+    return Refused(str(tracks.identity[track]), reason, kind)
 
 
 def _check_jumps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:

@@ -31,6 +31,13 @@ class RoadUser(enum.IntEnum):
     OTHER = 6
 
 
+GROUPS = dict.fromkeys(RoadUser, "vehicle") | {
+    RoadUser.BICYCLE: "bicycle",
+    RoadUser.PEDESTRIAN: "pedestrian",
+    RoadUser.OTHER: "other",
+}
+"""Groups of classes of which effects are counted, by class."""
+
 STATES: dict[str, type[np.generic]] = {
     "track": np.int32,
     "frame": np.int32,

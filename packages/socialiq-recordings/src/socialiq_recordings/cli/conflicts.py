@@ -1,4 +1,4 @@
-"""`data conflicts`: conflicts of recorded vehicles, their measures, and pictures of them."""
+"""`data conflicts`: conflicts of recorded road users, their measures, and pictures of them."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,10 +12,19 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
-from socialiq_recordings.cli.files import OfDistinct, not_used, sources_of
+from socialiq_recordings.cli.files import OfDistinct, sources_of, users_used
 from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, Meeting
 from socialiq_recordings.conflicts.measures import rows_of
+from socialiq_recordings.conflicts.yielding import (
+    Weight,
+    group_of,
+    recovered,
+    stakes_of,
+    weight,
+    who_yields,
+)
 from socialiq_recordings.identity.identify import Identified, pairs_once
+from socialiq_recordings.recording import Tracks
 from socialiq_recordings.road.routes import Scene
 
 Case = tuple[Encounters, Meeting, Row]
@@ -25,7 +34,7 @@ MOST_PICTURES = 200  # largest number of pictures of a call
 
 @dataclass(frozen=True)
 class FindConflicts(OfDistinct):
-    """List conflicts of recorded vehicles with PET, TTC, gaps and required decelerations.
+    """List conflicts of recorded road users with PET, TTC, gaps and required decelerations.
 
     Example: socialiq data conflicts junction.safetensors --out conflicts --pictures 20
     """
@@ -54,24 +63,19 @@ class FindConflicts(OfDistinct):
         config = ConflictConfig(self.largest_pet, self.horizon, self.queued)
         if self.out is not None:
             check_target(self.out, self.replace)
-        recordings, identified = self.load()
-        every = [Encounters(Scene(recording), config) for recording in recordings]
+        recordings, identified = self.load(lanelets=False)
+        every = [Encounters(Scene(recording), config, everybody=True) for recording in recordings]
         cases = _cases(every, identified, self.duplicates == "drop")
         conflicts = [row for _, _, row in cases]
-        counts = []
-        for recording in recordings:
-            name = recording.tracks.recording
-            rows = [row for row in conflicts if row["recording"] == name]
-            pairs = [row for row in rows if row["ego"] < row["other"]]
-            count: Row = {"recording": name, "tracks": recording.tracks.n_tracks}
-            count |= {"conflicts": len(rows) // 2}
-            for kind in ("crossing", "merging"):
-                count[kind] = sum(row["kind"] == kind for row in rows) // 2
-            counts.append(count | {"with_pet": sum(row["pet"] is not None for row in pairs)})
+        counts = [_count(recording.tracks, conflicts) for recording in recordings]
         names = ("conflicts", "crossing", "merging", "with_pet")
         summary: dict[str, Any] = {name: sum(row[name] for row in counts) for name in names}
         summary |= {"vehicles": len({row["ego_vehicle"] for row in conflicts})}
-        summary |= {"chains": len({row["chain"] for row in conflicts})} | not_used(every)
+        summary |= {"chains": len({row["chain"] for row in conflicts})}
+        every_track = [recording.tracks for recording in recordings]
+        users = users_used(every_track, [encounters.ways for encounters in every])
+        yields, weights = who_yields(conflicts), _weights(cases, self.seed)
+        summary |= {"road_users": users, "yielding": yields, "weights": weights}
         if self.out is not None:
             provenance: Row = {
                 "conflicts": dataclasses.asdict(config),
@@ -80,7 +84,9 @@ class FindConflicts(OfDistinct):
                 "seed": self.seed,
                 "sources": sources_of(recordings),
             }
-            tables = {"recordings": counts, "conflicts": conflicts}
+            tables = {"recordings": counts, "conflicts": conflicts, "road_users": users}
+            tables |= {"yielding": yields, "weights": weights}
+            tables = {name: rows for name, rows in tables.items() if rows}
             results = Results.of("recordings conflicts", provenance, tables, summary)
             drawings = self._drawings(cases) if self.pictures else {}
             save(results, self.out, drawings, self.replace)
@@ -88,6 +94,11 @@ class FindConflicts(OfDistinct):
             print_json(summary | {"conflicts": conflicts})
         else:
             print_table(counts, "Conflicts of unordered pairs")
+            print_table(users, "Road users")
+            for title, rows in (("Who yields to whom", yields), ("Weight shown", weights)):
+                if rows:
+                    cells = [{n: "" if v is None else v for n, v in r.items()} for r in rows]
+                    print_table(cells, title)
         return 0
 
     def _drawings(self, cases: Sequence[Case]) -> dict[str, bytes]:
@@ -99,6 +110,45 @@ class FindConflicts(OfDistinct):
         chosen = np.random.default_rng(self.seed).permutation(len(pairs))[: self.pictures]
         numbers = enumerate(sorted(chosen.tolist()), 1)
         return png({f"conflict-{number:02d}": picture(*pairs[row]) for number, row in numbers})
+
+
+def _count(tracks: Tracks, conflicts: Sequence[Row]) -> Row:
+    """Return the numbers of road users and of conflicts of a recording."""
+    rows = [row for row in conflicts if row["recording"] == tracks.recording]
+    pairs = [row for row in rows if row["ego"] < row["other"]]
+    count: Row = {"recording": tracks.recording, "tracks": tracks.n_tracks}
+    count |= {"conflicts": len(rows) // 2}
+    for kind in ("crossing", "merging"):
+        count[kind] = sum(row["kind"] == kind for row in rows) // 2
+    return count | {"with_pet": sum(row["pet"] is not None for row in pairs)}
+
+
+def _weights(cases: Sequence[Case], seed: int) -> list[Row]:
+    """Return the weights of each group's time that those of another show, and what is recovered.
+
+    Rows with a true angle have the range of estimates where it is true, with recorded stakes.
+    """
+    rows: list[Row] = []
+    for of, to in (("vehicle", "pedestrian"), ("bicycle", "pedestrian"), ("vehicle", "bicycle")):
+        chosen = [
+            (stakes, row["chain"])
+            for _, meeting, row in cases
+            if (group_of(row["ego_class"]), group_of(row["other_class"])) == (of, to)
+            and (stakes := stakes_of(meeting)) is not None
+        ]
+        if not chosen:
+            continue
+        stakes, chains = zip(*chosen, strict=True)
+        estimate = weight(stakes, np.unique(chains, return_inverse=True)[1], seed)
+        row: Row = {"of": of, "to": to, "conflicts": len(chosen), "chains": len({*chains})}
+        row["contested"] = sum(pair.contested for pair in stakes)
+        none = dict.fromkeys(Weight._fields)
+        rows.append(row | {"true": None} | (estimate._asdict() if estimate else none))
+        sharpness = estimate.sharpness if estimate else 1.0
+        for angle, low, high in recovered(stakes, sharpness, seed) if row["contested"] else ():
+            ends = {"angle": None, "low": low, "high": high, "sharpness": sharpness}
+            rows.append(row | {"true": angle} | ends)
+    return rows
 
 
 def _cases(encounters: list[Encounters], identified: Identified, drop: bool) -> list[Case]:

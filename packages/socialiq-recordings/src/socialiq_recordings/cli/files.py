@@ -5,13 +5,14 @@ import dataclasses
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from jaxtyping import Int8
 
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError, one_of
@@ -20,8 +21,8 @@ from socialiq.outputs import whole_folder
 from socialiq.reading import sha256_of_file
 from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
+from socialiq.types import Row
 from socialiq_recordings import files
-from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.identity import identify as identity
 from socialiq_recordings.identity.identify import Duplicates, Identified
 from socialiq_recordings.plausible import MeasurementError
@@ -29,7 +30,6 @@ from socialiq_recordings.readers import FORMATS, MOST_STATES, import_file, map_o
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import (
-    NO_ROAD,
     STEP,
     RoadNetwork,
     every_step,
@@ -93,12 +93,16 @@ class Import(Printing):
                 for kind in ("refused", "faults")
             )
             listed = [*refused, *faults]
-            table = as_csv(listed) if listed else "recording,identity,reason\n"
+            used = sum_of(rows, "users")
+            read = used + Counter(item["road_user"] or "unknown" for item in refused)
+            users = account(read, used, lambda _: "see refused.csv")
+            table = as_csv(listed) if listed else "recording,identity,reason,road_user\n"
             write_atomically(folder / "refused.csv", table)
         for failure in failed:
             say(f"not imported: {one_line(failure['reason'], 400)}")
         if self.json:
-            print_json({"out": str(self.out), "recordings": rows, "failed": failed})
+            written = {"out": str(self.out), "recordings": rows, "road_users": users}
+            print_json(written | {"failed": failed})
         else:
             names = ("recording", "tracks", "states")
             lines = [
@@ -109,8 +113,7 @@ class Import(Printing):
             sums = {n: sum(line[n] for line in lines) for n in (*names[1:], "refused")}
             total = {"recording": "all", **sums, "states_per_s": ""}
             print_table([*lines, total] if len(lines) > 1 else lines, str(self.out))
-            users = sum_of(rows, "users")
-            print_table([{"road users": name, "number": n} for name, n in users.items()])
+            print_table(users, "\nroad users")
             if refused:
                 print_table(refused, "\nrefused tracks")
             left_out = sum_of(rows, "skipped")
@@ -158,7 +161,7 @@ class Import(Printing):
                     "sha256": files.save(target, imported.recording),
                     "tracks": tracks.n_tracks,
                     "states": tracks.n_states,
-                    "users": users_of(tracks),
+                    "users": classes_of(tracks.road_user),
                     "refused": [refused._asdict() for refused in imported.refused],
                     "skipped": imported.skipped,
                     "faults": [fault._asdict() for fault in imported.faults],
@@ -167,14 +170,17 @@ class Import(Printing):
         return rows
 
 
+NO_ROAD = "has no lanelets: name its map with --road, here or at `socialiq data import`"
 _SHOWN = 20  # faults that are printed; all are in refused.csv
 
 
-def users_of(tracks: Tracks) -> dict[str, int]:
+BESIDE = "beside the lanelets of the map"
+NO_VEHICLE = "no vehicle on lanelets"
+
+
+def classes_of(road_user: Int8[np.ndarray, " track"]) -> Counter[str]:
     """Return the number of tracks of each class of road users."""
-    kinds, counts = np.unique(tracks.road_user, return_counts=True)
-    names = [RoadUser(kind).name.lower() for kind in kinds.tolist()]
-    return dict(zip(names, counts.tolist(), strict=True))
+    return Counter(RoadUser(kind).name.lower() for kind in sorted(road_user.tolist()))
 
 
 def sum_of(rows: Sequence[Mapping[str, Any]], name: str) -> Counter[str]:
@@ -207,11 +213,13 @@ class Inspect(Printing):
                 "chain": identified.chain[number],
                 "seconds": round(float((tracks.frame.max() + 1) * tracks.dt), 2),
                 "tracks": tracks.n_tracks,
-                "users": users_of(tracks),
+                "users": classes_of(tracks.road_user),
                 "lanelets": len(recording.road.lanelets),
                 "simulated": "; ".join(signs_of_simulation(tracks)),
             }
             rows.append(row)
+        every_track = [recording.tracks for recording in recordings]
+        users = users_used(every_track, [range(tracks.n_tracks) for tracks in every_track])
         counts: dict[str, Any] = {
             "recordings": len(rows),
             "sites": len(set(identified.site)),
@@ -220,7 +228,8 @@ class Inspect(Printing):
             "vehicles": identified.n_vehicles,
         }
         if self.json:
-            print_json({"counts": counts, "recordings": rows, "overlaps": identified.rows()})
+            listed = {"recordings": rows, "road_users": users, "overlaps": identified.rows()}
+            print_json({"counts": counts, **listed})
             return 0
         for row in rows:
             texts = ("recording", "site", "chain", "simulated")
@@ -229,6 +238,7 @@ class Inspect(Printing):
         print_table(rows, "Recordings")
         _show_overlaps(identified)
         print_table([{"number of": name, "count": count} for name, count in counts.items()])
+        print_table(users, "Road users")
         return 0
 
 
@@ -265,19 +275,32 @@ def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recordin
     return recordings
 
 
-def not_used(recorded: Sequence[Recording | Encounters]) -> dict[str, dict[str, int]]:
-    """Return under `not_used` the number of road users that take no part, by kind; none: nothing.
+def users_used(
+    recorded: Sequence[Tracks], used: Sequence[Collection[int]], why: str = BESIDE
+) -> list[Row]:
+    """Return a row for each class of road users: how many were read, used and left out, and why.
 
-    These are pedestrians, bicycles and others, and vehicles that are beside the map's lanelets.
+    Args:
+        recorded: The tracks of each recording.
+        used: Those of each that the results are about.
+        why: The reason for which vehicles are left out; others are because they are no vehicles.
     """
-    driven = {kind.name.lower() for kind in VEHICLES}
-    every = [encounters for encounters in recorded if isinstance(encounters, Encounters)]
-    scenes = [row.scene if isinstance(row, Encounters) else row for row in recorded]
-    rows = [{"users": users_of(scene.tracks)} for scene in scenes]
-    counts = {name: n for name, n in sum_of(rows, "users").items() if name not in driven}
-    beside = sum(len(encounters.scene.vehicles) - len(encounters.ways) for encounters in every)
-    counts |= {"vehicle without a way on the map": beside} if beside else {}
-    return {"not_used": counts} if counts else {}
+    read, kept = Counter[str](), Counter[str]()
+    for tracks, numbers in zip(recorded, used, strict=True):
+        read += classes_of(tracks.road_user)
+        kept += classes_of(tracks.road_user[sorted(numbers)])
+    vehicles = {kind.name.lower() for kind in VEHICLES}
+    return account(read, kept, lambda name: why if name in vehicles else NO_VEHICLE)
+
+
+def account(read: Counter[str], used: Counter[str], why: Callable[[str], str]) -> list[Row]:
+    """Return the rows of `users_used` by the numbers of each class."""
+    rows: list[Row] = []
+    for name, number in sorted(read.items()):
+        left_out = number - used[name]
+        row: Row = {"road_user": name, "read": number, "used": used[name], "left_out": left_out}
+        rows.append(row | {"why": why(name) if left_out else ""})
+    return rows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,16 +320,17 @@ class OfDistinct(OfRecordings):
     duplicates: Duplicates = "drop"
     """Moments that are in several recordings: count each once, keep all, or refuse."""
 
-    def load(self) -> tuple[list[Recording], Identified]:
+    def load(self, lanelets: bool = True) -> tuple[list[Recording], Identified]:
         """Return the recordings and what they have in common, which is said.
 
         Raises:
-            UserError: If there is none, one can't be read, or moments in common are refused.
+            UserError: If there is none, one can't be read or lacks lanelets that are needed, or
+                moments in common are refused.
         """
         recordings = load_all(self.recordings, self.road)
         for recording in recordings:  # what can be refused, before the slow work
-            if not recording.road.lanelets:
-                raise UserError(f"{one_line(recording.tracks.recording, 60)}: {NO_ROAD}")
+            if lanelets and not recording.road.lanelets:
+                raise UserError(f"{one_line(recording.tracks.recording, 60)} {NO_ROAD}")
         shapely()
         identified = identity.identify_distinct(recordings, self.duplicates)
         if not self.json:
@@ -319,9 +343,6 @@ def remark(recordings: Sequence[Recording], identified: Identified) -> None:
     with contextlib.redirect_stdout(sys.stderr):
         _show_overlaps(identified)
     say_if_apart(recordings)
-    for kinds in not_used(recordings).values():
-        listed = ", ".join(f"{name}: {number}" for name, number in kinds.items())
-        say(f"not used, because only vehicles on lanelets are: {listed}")
     for recording in recordings:
         signs = signs_of_simulation(recording.tracks)
         if signs:

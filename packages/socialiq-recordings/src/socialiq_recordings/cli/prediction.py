@@ -11,7 +11,7 @@ from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
-from socialiq_recordings.cli.files import OfDistinct, not_used, sources_of
+from socialiq_recordings.cli.files import OfDistinct, sources_of, users_used
 from socialiq_recordings.prediction import learned, scores, study
 from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.scores import ERROR
@@ -78,7 +78,14 @@ class Predict(OfDistinct):
             trait_tables, tested = _trait_test(situations, self.seed)
             tables |= trait_tables
         summary = _summary(situations, prediction.scores, prediction.contrasts)
-        summary |= {"trait": tested, "limits": list(LIMITS)} | not_used(recordings)
+        predicted = {*situations.vehicle.tolist()}
+        used = [
+            [track for track, vehicle in enumerate(of.tolist()) if vehicle in predicted]
+            for of in identified.vehicle
+        ]
+        users = users_used([recording.tracks for recording in recordings], used, _UNUSED)
+        tables["road_users"] = users
+        summary |= {"trait": tested, "limits": list(LIMITS), "road_users": users}
         if self.out is not None:
             provenance = {
                 "prediction": dataclasses.asdict(config),
@@ -94,6 +101,7 @@ class Predict(OfDistinct):
             _show_scores(prediction.scores)
             _show_contrasts(prediction.contrasts)
             _show_trait(tables.get("trait_contrasts", []), tested)
+            print_table(users, "\nRoad users")
         return 0
 
 
@@ -154,6 +162,7 @@ def _show_contrasts(rows: list[Row]) -> None:
 
 
 _CONFIDENCE = 0.95
+_UNUSED = "never on the lanelets of the map for a second"
 
 
 def _trait_test(situations: Situations, seed: int) -> tuple[dict[str, list[Row]], dict[str, Any]]:

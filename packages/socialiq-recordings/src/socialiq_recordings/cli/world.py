@@ -19,7 +19,7 @@ from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Ending, Row
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq_recordings import census
-from socialiq_recordings.cli.files import OfRecordings, load_all, not_used, remark
+from socialiq_recordings.cli.files import OfRecordings, load_all, remark, users_used
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.build import Made, build
 from socialiq_recordings.world.recorded_world import LEVELS, Lights, WorldConfig
@@ -118,11 +118,11 @@ class MakeWorld(OfRecordings):
         evidence = list(built.calibration.evidence)
         print_table(evidence, "Drivers (m, s; estimated: from the recordings)")
         counts = {name: summary[name] for name in ("vehicles", "egos", "closures")}
-        counts |= {f"not used: {name}": n for name, n in summary.get("not_used", {}).items()}
         counts |= {f"simulated {name}": n for name, n in summary["contacts"].items()}
         demonstrated = summary.get("demonstrations", {})
         counts |= {f"demonstrated {name}": value for name, value in demonstrated.items()}
         print_table([{"quantity": name, "value": value} for name, value in counts.items()])
+        print_table(summary["road_users"], "Road users")
         if "compared" in summary:
             print_table(summary["compared"], "Recorded and simulated: quartiles, distance")
         return 0
@@ -136,7 +136,7 @@ class MakeWorld(OfRecordings):
         summary |= {
             name: provenance[name] for name in ("vehicles", "egos", "closures", "calibration")
         }
-        summary |= not_used(built.every)
+        users = summary["road_users"] = provenance["road_users"] = _users(built, False)
         summary["contacts"] = compare.contacts(built, self.seed, self.repeats)
         replayed = replay(built.world, self.every) if self.demonstrations is not None else None
         if self.report is not None:
@@ -145,6 +145,7 @@ class MakeWorld(OfRecordings):
             settings: Row = {"choices": dataclasses.asdict(self.choices), "repeats": self.repeats}
             settings |= {"seed": self.seed, "recordings": provenance["recordings"]}
             tables = {"compared": rows, "drivers": list(built.calibration.evidence)}
+            tables["road_users"] = users
             results = Results.of("recordings world", settings, tables, {"compared": rows})
             pictures = png({"compared": compare.beside(built.observed, simulated)})
             save(results, self.report, pictures, self.replace)
@@ -182,15 +183,16 @@ class ToDemonstrations(OfRecordings):
         _check_every(self.every, self.choices)
         built = self.choices.build(self.recordings, self.road, self.json)
         replayed = replay(built.world, self.every, self.as_human)
-        counts = _counts_of(built, replayed)
+        counts, users = _counts_of(built, replayed), _users(built)
         quality = _quality(replayed, built.world.config.decisions)
         sha256 = demonstration_files.save(self.out, replayed.table, replace=False)
         if self.json:
             head = {"file": str(self.out), "sha256": sha256}
-            print_json(head | quality | not_used(built.every) | {"recordings": counts})
+            print_json(head | quality | {"road_users": users, "recordings": counts})
             return 0
         _show_counts(counts, str(self.out))
         print_table([{"quantity": name, "value": value} for name, value in quality.items()])
+        print_table(users, "Road users")
         return 0
 
 
@@ -223,7 +225,7 @@ class TakeCensus(OfRecordings):
         population = census.population_of(rows, built.identified, self.seed, self.confidence)
         counts = _counts_of(built, replayed)
         summary = {"population": population, "limits": list(census.LIMITS)}
-        summary |= not_used(built.every)
+        users = summary["road_users"] = _users(built)
         if self.out is not None:
             provenance: Row = {
                 "choices": dataclasses.asdict(self.choices),
@@ -231,7 +233,7 @@ class TakeCensus(OfRecordings):
                 "seed": self.seed,
                 "sources": built.world.provenance["recordings"],
             }
-            tables = {"drivers": rows, "recordings": counts}
+            tables = {"drivers": rows, "recordings": counts, "road_users": users}
             results = Results.of("recordings census", provenance, tables, summary)
             pictures = png({"census": census.picture(rows, population)})
             save(results, self.out, pictures, self.replace)
@@ -245,8 +247,23 @@ class TakeCensus(OfRecordings):
                 value = f"{value['estimate']:.1f} ({value['low']:.1f} to {value['high']:.1f})"
             lines.append({"population": name, "value": "not known" if value is None else value})
         print_table(lines)
+        print_table(users, "Road users")
         sys.stdout.write("\n".join(["What this can't show:", *census.LIMITS]) + "\n")
         return 0
+
+
+def _users(built: Made, once: bool = True) -> list[Row]:
+    """Return the numbers of road users that the recordings have and that are used.
+
+    With `once`, only one track of a vehicle that several recordings show at the same moments is.
+    """
+    used = [
+        {*of.ways} & kept if once else {*of.ways}
+        for kept, of in zip(built.kept, built.every, strict=True)
+    ]
+    why = "seen once, or beside the lanelets of the map"
+    why += ", or in another recording too" if once else ""
+    return users_used([encounters.scene.tracks for encounters in built.every], used, why)
 
 
 def _check_every(every: float, choices: Choices) -> None:

@@ -1,8 +1,9 @@
-"""Conflict areas of driven ways, and the conflicts of ordered pairs of vehicles.
+"""Conflict areas of driven ways, and the conflicts of ordered pairs of road users.
 
 The swept area of a way is what the vehicle's width covers along it. Shapely (extra `maps`)
 intersects two of them. Two vehicles are in conflict if their ways cross or merge and they would be
-in the area close in time. A conflict has two rows, one for each vehicle as the ego.
+in the area close in time. A conflict has two rows, one for each vehicle as the ego. Road users who
+follow no lanelets, on foot or a bicycle or where there are none, meet where swept areas do.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from socialiq.errors import UserError
 from socialiq.physics import wrapped
 from socialiq_recordings.conflicts import ways as motion
 from socialiq_recordings.conflicts.ways import InTime, Occupancy, Way
+from socialiq_recordings.recording import RoadUser
 from socialiq_recordings.road.network import Conflict, Lanes, shapely
 from socialiq_recordings.road.paths import Polyline
 from socialiq_recordings.road.routes import OFF_THE_MAP, Scene
@@ -51,6 +53,9 @@ CROSSING = 30.0
 (Gettman et al. 2008, FHWA-HRT-08-051: below 30 degrees a conflict is of the kind rear end)."""
 
 NEAR = 50.0  # m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²
+NOMINAL = (RoadUser.BICYCLE, RoadUser.PEDESTRIAN)
+"""Classes whose sizes are typical and no measured boxes: no slack is taken off them."""
+
 _LEAST = 0.1  # m²; smaller areas are errors of the lines
 _SEPARATE = 2.5  # m; vehicles that merge came from further beside each other than this
 _JOINED = 1.0  # m; and get closer than this
@@ -89,9 +94,13 @@ def area_of(
     The map must agree: two lanelets of the routes are in conflict, or both routes enter one
     lanelet from different lanelets, as in a change of lane. An area that begins where one of the
     lines does is no conflict: the vehicles follow each other, or the first is past it. The swept
-    areas are Shapely's.
+    areas are Shapely's. If either follows no lanelets, no map is asked, and of several areas it is
+    the one that both were in closest in time.
     """
-    if all(lanes.against[number].isdisjoint(second.lanelets) for number in first.lanelets):
+    on_map = bool(first.lanelets and second.lanelets)
+    if on_map and all(
+        lanes.against[number].isdisjoint(second.lanelets) for number in first.lanelets
+    ):
         before, before_other = (
             dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (first, second)
         )
@@ -107,7 +116,15 @@ def area_of(
             area = _area(first, second, polygon)
             if area is not None:
                 areas.append(area)
+    if not on_map:
+        areas.sort(key=lambda area: area.entry[0])
+        return min(areas, key=lambda area: _apart(first, second, area), default=None)
     return min(areas, key=lambda area: area.entry[0]) if areas else None
+
+
+def _apart(first: Way, second: Way, area: Area) -> float:
+    sides = zip((first, second), area.entry, area.exit, strict=True)
+    return float(motion.apart(*(motion.recorded(*side) for side in sides)))
 
 
 def _area(first: Way, second: Way, polygon: Any) -> Area | None:
@@ -162,6 +179,8 @@ def held(scene: Scene, way: Way, frame: int) -> bool:
     A light is at the end of its lanelet. Lights without states in the file hold no driver. The
     vehicle must be present at the frame.
     """
+    if not way.lanelets:
+        return False
     matched, lanelets = scene.matched(way.track), scene.lanes.road.lanelets
     front = way.state(frame)[0] + way.length / 2
     for number in matched.lanelets[int(matched.place[frame - way.first]) :]:
@@ -216,12 +235,19 @@ class Meeting:
 
 
 class Encounters:
-    """Ways, by track, and conflict areas of a recording's vehicles on the road."""
+    """Ways, by track, and conflict areas of a recording's vehicles on the road.
 
-    def __init__(self, scene: Scene, config: ConflictConfig | None = None) -> None:
+    With `everybody`, also of the road users who follow no lanelets.
+    """
+
+    def __init__(
+        self, scene: Scene, config: ConflictConfig | None = None, everybody: bool = False
+    ) -> None:
         self.scene, self.config = scene, config or ConflictConfig()
-        on_road = [n for n in scene.vehicles.tolist() if scene.matched(n).off <= OFF_THE_MAP]
-        self.ways: dict[int, Way] = {track: motion.way_of(scene, track) for track in on_road}
+        drivers = [n for n in scene.vehicles.tolist() if n not in scene.free]
+        met = [track for track in drivers if scene.matched(track).off <= OFF_THE_MAP]
+        met += sorted(scene.free) if everybody else []
+        self.ways: dict[int, Way] = {track: motion.way_of(scene, track) for track in met}
         self._swept: dict[int, Any] = {}
         self._ahead: dict[int, motion.Ahead] = {}
         self._areas: dict[tuple[int, int], Area | None] = {}
@@ -239,8 +265,10 @@ class Encounters:
             (west, south, east, north), (left, low, right, high) = (way.box for way in ways)
             if west > right or left > east or south > high or low > north:
                 return None  # most pairs end here
+            users = self.scene.tracks.road_user
             for way in (way for way in ways if way.track not in self._swept):
-                width = max(way.width - self.config.slack, 0.1)
+                nominal = users[way.track] in NOMINAL
+                width = max(way.width - (0.0 if nominal else self.config.slack), 0.1)
                 line = shapely().linestrings(way.line.points)
                 swept = line.buffer(width / 2, cap_style="flat", join_style="round")
                 self._swept[way.track] = swept
@@ -310,6 +338,8 @@ class Encounters:
         return any(not self.held(ego, partner, frame) for frame in frames[close].tolist())
 
     def _held_up(self, way: Way, entry: float, but: int) -> Bool[np.ndarray, " moment"]:
+        if not way.lanelets:  # who follows no lane queues behind nobody
+            return np.zeros(len(way.along), bool)
         if way.track not in self._ahead:
             self._ahead[way.track] = motion.ahead_of(self.scene, way, self.config.slack)
         return self._ahead[way.track].holds(entry, but, len(way.along))
@@ -326,11 +356,15 @@ class Encounters:
         return self.config.queued or not self._held_up(way, entry, but)[frame - way.first]
 
     def meetings(self) -> list[Meeting]:
-        """Return all conflicts, two for each pair, in the order of the tracks."""
+        """Return all conflicts, two for each pair, in the order of the tracks.
+
+        Two pedestrians are in none.
+        """
         every: dict[tuple[int, int], Meeting | None] = {}
+        walks = self.scene.tracks.road_user == RoadUser.PEDESTRIAN
         for ego, ego_way in self.ways.items():
             for way in self.in_time.between(ego_way.first, ego_way.last, ego_way):
-                if way.track == ego:
+                if way.track == ego or (walks[ego] and walks[way.track]):
                     continue
                 if (way.track, ego) in every:
                     meeting = every[way.track, ego]

@@ -13,6 +13,7 @@ from socialiq.physics import wrapped
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters, Meeting
 from socialiq_recordings.conflicts.ways import Occupancy, Way, recorded
+from socialiq_recordings.recording import RoadUser
 from socialiq_recordings.road.network import Conflict, Sign
 
 
@@ -82,12 +83,14 @@ def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> 
     return 2 * (speed * seconds - gap) / seconds**2
 
 
+_DECIDING = 5.0  # s before the first enters an area in which speeds show who would be first
 _TURN_BEFORE, _TURN_AFTER = 30.0, 20.0  # m before and behind an area between which a way turns
 
 
 def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
     """Return a row for each conflict of a recording; a number that isn't known is None."""
-    identity, rows = encounters.scene.tracks.identity, []
+    tracks, rows = encounters.scene.tracks, []
+    identity = tracks.identity
     for meeting in meetings:
         area, ego, partner = meeting.area, meeting.ego, meeting.other
         gap, lag = gaps(encounters, meeting)
@@ -98,7 +101,7 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
         meet = np.maximum(first, second)[:, 0] < np.minimum(first, second)[:, 1]
         moments = _moments(meeting, meet | (meeting.area.kind == Conflict.MERGING))
         row: Row = {
-            "recording": encounters.scene.tracks.recording,
+            "recording": tracks.recording,
             "ego": int(identity[ego.track]),
             "other": int(identity[partner.track]),
             "kind": area.kind.name.lower(),
@@ -124,6 +127,12 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "ego_leaves": times.leaves,
             "other_enters": other_times.enters,
             "other_leaves": other_times.leaves,
+            "ego_class": RoadUser(tracks.road_user[ego.track]).name.lower(),
+            "other_class": RoadUser(tracks.road_user[partner.track]).name.lower(),
+            "ego_speed": _speed_at(ego, times.enters),
+            "other_speed": _speed_at(partner, other_times.enters),
+            "ego_lost": lost(meeting),
+            "other_lost": lost(meeting.swapped()),
         }
         rows.append({name: finite_or_none(value) for name, value in row.items()})
     return rows
@@ -132,6 +141,32 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
 def finite_or_none(value: object) -> object:
     """Return a cell, None for NaN or an infinite number."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _speed_at(way: Way, seconds: float) -> float:
+    """Return the speed on the way at a time, m/s; NaN where it isn't in view."""
+    inside = way.first <= seconds / way.dt <= way.last
+    return way.state(round(seconds / way.dt))[1] if inside else math.nan
+
+
+YIELDED = 1.0
+"""s; who passes second and loses as much gave way. Speeds of pedestrians are known to a tenth, so
+that times over some seconds err by half a second."""
+
+
+def lost(meeting: Meeting) -> float:
+    """Return the time that the ego lost before it entered the area, s; NaN if not recorded.
+
+    It is the delay behind the earliest arrival that it once would have had at its speed, at a
+    moment up to 5 s before the first of the two entered, both in view. A swerve without a loss of
+    time is none, and whom a red light or a turn slows loses like others.
+    """
+    enters, now = meeting.ego_times.enters, meeting.frames * meeting.ego.dt
+    first = min(enters, meeting.other_times.enters)
+    moments = (now <= first) & (now >= first - _DECIDING)
+    if not (meeting.complete and math.isfinite(first) and moments.any()):
+        return math.nan
+    return max(float(enters - meeting.times[0][moments, 0].min()), 0.0)
 
 
 def pet(meeting: Meeting) -> float:
@@ -210,7 +245,7 @@ def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
     arrival to the next one's, where none came before. NaN: not accepted, or not recorded.
     """
     after, arrives = meeting.other_times.enters, meeting.ego_times.enters
-    if not (meeting.complete and meeting.ego_first):
+    if not (meeting.complete and meeting.ego_first and meeting.other.lanelets):
         return math.nan, math.nan
     lanelet = _lanelet_at(encounters, meeting.other, meeting.area.entry[1])
     before, between = -math.inf, False
@@ -220,7 +255,7 @@ def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
         if (way.first + encounters.in_time.longest) * dt < before:
             break  # who is seen earlier entered earlier
         track = way.track
-        if track in (meeting.ego.track, meeting.other.track):
+        if track in (meeting.ego.track, meeting.other.track) or not way.lanelets:
             continue
         area = encounters.area(meeting.ego.track, track)
         if area is None or _lanelet_at(encounters, way, area.entry[1]) != lanelet:
@@ -250,9 +285,12 @@ def turn(way: Way, entry: float, end: float) -> float:
 
 def sign(encounters: Encounters, way: Way, partner: Way) -> str:
     """Return the last right-of-way sign on a route up to the lanelet in conflict."""
-    lanes, last = encounters.scene.lanes, Sign.NONE
+    lanes, last, crossed = encounters.scene.lanes, Sign.NONE, None
+    if way.lanelets and not partner.lanelets:
+        area = encounters.area(way.track, partner.track)
+        crossed = None if area is None else _lanelet_at(encounters, way, area.entry[0])
     for number in way.lanelets:
         last = lanes.road.lanelets[number].sign or last
-        if not lanes.against[number].isdisjoint(partner.lanelets):
+        if number == crossed or not lanes.against[number].isdisjoint(partner.lanelets):
             break
     return Sign(last).name.lower()

@@ -29,13 +29,14 @@ class Way:
 
     track: int  # number of the track
     first: int  # its first frame
-    # Of its middle: `BEHIND` m before its first state, as driven, up to `AHEAD` m along its route.
+    # Of its middle: `BEHIND` m before its first state, as driven, up to `AHEAD` m along its route
+    # if it has one.
     line: Polyline
     along: Float64[np.ndarray, " state"]  # coordinate on the line at each frame, m; never decreases
     speed: Float64[np.ndarray, " state"]  # along the line, m/s: the distance driven in `SMOOTHED`
     length: float  # of the vehicle, m
     width: float  # of the vehicle, m
-    lanelets: tuple[int, ...]  # numbers of the lanelets on its route
+    lanelets: tuple[int, ...]  # numbers of the lanelets on its route; none if it follows none
     dt: float  # s between frames
 
     @cached_property
@@ -97,7 +98,8 @@ def way_of(scene: Scene, track: int) -> Way:
         passed.append(len(spaced))
     driven, heading = np.array(spaced), float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
-    line = Polyline(np.concatenate([back[None], driven, _onwards(scene, track, driven[-1])]))
+    onwards = _onwards(scene, track, driven[-1])
+    line = Polyline(np.concatenate([back[None], driven, onwards]))
     # The coordinate of each state, searched near the one before, since a line may cross itself or
     # turn back beside itself: all at once, until those before are those that are found.
     along, begin, starts = line.starts[passed], 0, line.starts
@@ -124,16 +126,22 @@ def way_of(scene: Scene, track: int) -> Way:
     speed = (along[last] - along[first]) / np.maximum((last - first) * tracks.dt, tracks.dt)
     states = int(tracks.frame[rows.start]), line, along, speed
     size = float(tracks.length[track]), float(tracks.width[track])
-    return Way(track, *states, *size, scene.matched(track).lanelets, tracks.dt)
+    lanelets = () if track in scene.free else scene.matched(track).lanelets
+    return Way(track, *states, *size, lanelets, tracks.dt)
 
 
 def _onwards(scene: Scene, track: int, last: np.ndarray) -> Float64[np.ndarray, "point 2"]:
-    """Return points of the route beyond the last state, from the vehicle's offset to its middle."""
-    matched, row = scene.matched(track), scene.rows(track).stop - 1
-    route = scene.matcher.section(list(matched.lanelets[int(matched.place[-1]) :]), AHEAD)
+    """Return points of the route beyond the last state, from the vehicle's offset to its middle.
+
+    Where somebody without a route goes on is not known.
+    """
     metres = np.arange(_STEP, AHEAD, _STEP)
-    heading = float(scene.tracks.heading[row])
+    heading = float(scene.tracks.heading[scene.rows(track).stop - 1])
     straight = last + metres[:, None] * np.array([np.cos(heading), np.sin(heading)])
+    if track in scene.free:
+        return straight[:1]
+    matched = scene.matched(track)
+    route = scene.matcher.section(list(matched.lanelets[int(matched.place[-1]) :]), AHEAD)
     if route is None:
         return straight
     position = route.coordinates(last[:1], last[1:])

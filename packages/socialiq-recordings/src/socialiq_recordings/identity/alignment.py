@@ -21,6 +21,7 @@ from jaxtyping import Float64, Int64
 from socialiq.physics import wrapped
 from socialiq_recordings.recording import STATES, Recording, Tracks
 from socialiq_recordings.road.network import STEP, every_step, tree_of
+from socialiq_recordings.road.routes import VEHICLES
 
 BESIDE = 0.5
 """m; points of one line lie at most this far beside those of the other. Maps of one site that were
@@ -206,7 +207,7 @@ _STRIDES = 5  # of a second's descriptor
 _LAGS = 5  # lags that are tried
 _TRIALS = 12  # pairs of vehicles whose paths propose a placement, for each lag
 _LEAST_SHARE = 0.5  # of the states in common view that must have a partner
-_ALONE = 3.0  # s in common that identify a vehicle without a second one
+_ALONE = 3.0  # s in common that identify a vehicle, but nobody else, without a second one
 _LEAST_PATH = 3.0  # m; shorter paths fix no turn
 _COMMON_STEP = 0.1  # s, of recordings with different steps
 
@@ -371,7 +372,8 @@ def _matched(
         for row in np.flatnonzero(counts >= FEWEST_STATES).tolist()
         if not (distinct[:row] == distinct[row]).any()
     ]
-    if not rows or (len(rows) < 2 and counts[0] * motion.tracks.dt < _ALONE):
+    alone = motion.tracks.road_user[distinct[0, 0]] in VEHICLES  # walkers are too much alike
+    if not rows or (len(rows) < 2 and (counts[0] * motion.tracks.dt < _ALONE or not alone)):
         return None
     count = len(np.unique(other_motion.tracks.frame[met]))
     common = Common(lag * motion.tracks.dt, count * motion.tracks.dt, distinct[rows])

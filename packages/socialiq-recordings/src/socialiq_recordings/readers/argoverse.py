@@ -73,7 +73,7 @@ def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Importe
             tracks.check_frames(table["timestep"][track], row)
             tracks.check_numbers("a value", np.abs(states).max(axis=0), row)
         except ValueError as error:
-            gathered.refuse(name, error)
+            gathered.refuse(name, error, KINDS.get(kind, KINDS["unknown"])[0])
             continue
         states[2] = wrapped_heading(states[2])
         names.append(name)

@@ -115,7 +115,8 @@ class _Draft(RoadDraft):
             try:
                 self._add_track(element)
             except ValueError as error:
-                self._gathered.refuse(element.get("id", "?"), error)
+                kind_of = xml.TYPES.get(text_of(element, "type"))
+                self._gathered.refuse(element.get("id", "?"), error, kind_of)
         elif kind == "scenarioTags":
             self._tags = " ".join(tag.tag for tag in element)
         elif not self.add(element) and kind != "location":

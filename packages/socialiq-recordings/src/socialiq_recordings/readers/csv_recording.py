@@ -128,14 +128,14 @@ class _Draft:
         standing = []
 
         def take(first: int, end: int) -> None:
-            track = rows[first:end]
+            track, user = rows[first:end], None
             try:
                 user = self._user(track)
                 read[first] = track, user, self._states(track, user)
             except _NeverMovesError:
                 standing.append((first, end))
             except ValueError as error:
-                self.gathered.refuse(self._name(track), error)
+                self.gathered.refuse(self._name(track), error, None if user is None else user[0])
 
         for first, end in itertools.pairwise(starts):
             take(first, end)

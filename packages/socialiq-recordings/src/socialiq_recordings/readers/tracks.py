@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64, Int
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq_recordings.recording import FARTHEST, Imported, Recording, Refused, Tracks
+from socialiq_recordings.recording import FARTHEST, Imported, Recording, Refused, RoadUser, Tracks
 from socialiq_recordings.road.network import RoadNetwork, every_step, tree_of
 
 MOST_STATES = 5_000_000
@@ -91,9 +91,11 @@ class Gathered:
         self._frames.append(frame.astype(np.int32))
         self._states.append(states)
 
-    def refuse(self, identity: object, reason: object) -> None:
-        """Leave a track out."""
-        self._refused.append(Refused(one_line(str(identity), 60), one_line(str(reason))))
+    def refuse(self, identity: object, reason: object, kind: int | None = None) -> None:
+        """Leave a track out, of a class of `RoadUser` if it is known."""
+        name, reason = one_line(str(identity), 60), one_line(str(reason))
+        kind_name = "" if kind is None else RoadUser(kind).name.lower()
+        self._refused.append(Refused(name, reason, kind_name))
 
     def note(self, kind: str, count: int = 1) -> None:
         """Count elements that are left out, by kind."""

@@ -30,6 +30,7 @@ class Refused(NamedTuple):
 
     identity: str
     reason: str
+    road_user: str = ""  # its class, if it is a road user of a known one
 
 
 class Sign(enum.IntEnum):
@@ -231,12 +232,6 @@ class Lanes:
         return against
 
 
-NO_ROAD = (
-    "the recording has no road network, and conflicts come from its lanelets: name its map with "
-    "--road, here or at `socialiq data import`"
-)
-
-
 def lanes_of(road: RoadNetwork) -> Lanes:
     """Find a road network's conflicts.
 
@@ -245,11 +240,11 @@ def lanes_of(road: RoadNetwork) -> Lanes:
     follow each other: no conflict.
 
     Raises:
-        UserError: If it has no lanelet, or Shapely is not installed.
+        UserError: If Shapely is not installed.
     """
-    if not road.lanelets:
-        raise UserError(NO_ROAD)
     library = shapely()
+    if not road.lanelets:
+        return Lanes(road, {}, {})
     lanelets = [road.lanelets[number] for number in sorted(road.lanelets)]
     centres = [library.linestrings(lanelet.centre) for lanelet in lanelets]
     areas = []

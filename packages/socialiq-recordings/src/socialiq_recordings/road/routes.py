@@ -27,7 +27,7 @@ _NEAR = 6.0  # m; distance to which lanelets are looked for at first
 _BLOCK = 500  # states that are compared at once, which bounds memory
 
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
-"""Road users that drive on lanelets; others are neither ego nor neighbour."""
+"""Road users that drive on lanelets, where there are any."""
 OfStates = Float64[np.ndarray, " state"]
 OfPairs = Float64[np.ndarray, " pair"]
 Misfits = Float64[np.ndarray, "state lanelet"]
@@ -229,16 +229,26 @@ class Matcher:
 
 
 class Scene:
-    """Recording with its conflicts and routes; `UserError` without a road, or without Shapely."""
+    """Recording with its conflicts and routes; `UserError` without Shapely."""
 
     def __init__(self, recording: Recording) -> None:
         self.tracks = tracks = recording.tracks
         self.lanes: Lanes = lanes_of(recording.road)
-        self.matcher = Matcher(recording.road)
         self.vehicles = np.flatnonzero(np.isin(tracks.road_user, [int(kind) for kind in VEHICLES]))
         self.speed = tracks.along_and_across()[0]  # m/s, by state
         self._starts = tracks.starts
         self._matched: dict[int, Matched] = {}
+
+    @cached_property
+    def matcher(self) -> Matcher:
+        """Matcher of tracks to the lanelets, of which there must be one."""
+        return Matcher(self.lanes.road)
+
+    @cached_property
+    def free(self) -> frozenset[int]:
+        """Tracks that follow no lanelets: pedestrians, bicycles; all where the map has none."""
+        drivers = self.vehicles.tolist() if self.lanes.road.lanelets else ()
+        return frozenset(range(self.tracks.n_tracks)).difference(drivers)
 
     def rows(self, track: int) -> slice:
         """Return the rows of a track."""
