@@ -14,6 +14,7 @@ RECORDINGS: dict[str, tuple[str, ...]] = {
     "commonroad": ("commonroad", "recording.xml"),
     "commonroad-lights": ("commonroad", "lit.xml"),
     "ind": ("csv", "ind/0_tracks.csv", "ind"),
+    "sind": ("sind", "sind/made_Ped_smoothed_tracks.csv"),
     "columns": ("csv", "mine.csv", "columns.toml"),
 }
 """Format, sample and map of the columns by name."""

@@ -23,7 +23,7 @@ from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters,
 from socialiq_recordings.conflicts.measures import required_at, rows_of, ttc_at
 from socialiq_recordings.conflicts.ways import Occupancy
 from socialiq_recordings.readers.commonroad import read_commonroad
-from socialiq_recordings.recording import Recording, Tracks
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
 from socialiq_recordings.road.routes import Scene
 
@@ -75,7 +75,10 @@ def steady(speed, frames=100):
     return np.full(frames, float(speed))
 
 
-def recording(*driven, road=CROSSROADS):
+def recording(*driven, road=CROSSROADS, users=None):
+    """Cars, or road users of other classes: a pedestrian is 0.5 m long and wide."""
+    users = np.array([RoadUser.CAR] * len(driven) if users is None else users, np.int8)
+    small = users == RoadUser.PEDESTRIAN
     sizes = [len(one[0]) for one in driven]
     x, y, heading, speed = (np.concatenate(column) for column in zip(*driven, strict=True))
     count = len(driven)
@@ -88,9 +91,9 @@ def recording(*driven, road=CROSSROADS):
         speed * np.cos(heading),
         speed * np.sin(heading),
         np.arange(count) + 1,
-        np.zeros(count, np.int8),
-        np.full(count, 4.0),
-        np.full(count, 2.0),
+        users,
+        np.where(small, 0.5, 4.0),
+        np.where(small, 0.5, 2.0),
         DT,
         "hand-made",
         {"made_by": "a test"},
@@ -98,8 +101,8 @@ def recording(*driven, road=CROSSROADS):
     return Recording(tracks, road)
 
 
-def found(*driven, road=CROSSROADS, **more):
-    encounters = Encounters(Scene(recording(*driven, road=road)), **more)
+def found(*driven, road=CROSSROADS, users=None, **more):
+    encounters = Encounters(Scene(recording(*driven, road=road, users=users)), **more)
     return encounters, rows_of(encounters, encounters.meetings())
 
 
@@ -248,6 +251,57 @@ def test_the_command_writes_tables_and_pictures(tmp_path, capsys):
     assert capsys.readouterr().err.startswith("hand-made is simulated")
     assert main(["data", "conflicts", str(path), "--horizon", "-1"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+CAR, WALKER = RoadUser.CAR, RoadUser.PEDESTRIAN
+
+
+@pytest.mark.parametrize("road", [CROSSROADS, RoadNetwork()])
+def test_pet_of_a_car_and_a_pedestrian_with_and_without_lanelets(road):
+    # The car is at the origin after 3 s at 10 m/s, the pedestrian after 6 s at 1.5 m/s. A car is
+    # 1.7 m wide in a conflict, a pedestrian 0.5 m: no slack is taken off its nominal size.
+    driven = east(-30, steady(10)), north(-9, steady(1.5))
+    _, rows = found(*driven, road=road, users=[CAR, WALKER], everybody=True)
+    assert [(row["ego"], row["other"]) for row in rows] == [(1, 2), (2, 1)]
+    one, two = rows
+    assert (one["ego_class"], one["other_class"]) == ("car", "pedestrian")
+    leaves, arrives = 3 + (0.25 + 2.0) / 10, 6 - (0.85 + 0.25) / 1.5
+    assert one["pet"] == two["pet"] == pytest.approx(arrives - leaves, abs=1e-6)
+    assert (one["ego_speed"], two["ego_speed"]) == pytest.approx((10, 1.5))
+    assert (one["ego_lost"], two["ego_lost"]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert one["ego_sign"] == ("priority" if road.lanelets else "none")
+    assert two["lag_accepted"] is None and one["lag_accepted"] is None  # no stream of walkers
+    assert not found(*driven, road=road, users=[CAR, WALKER])[1]  # vehicles alone by default
+
+
+def test_a_car_that_waits_for_a_pedestrian_lost_time():
+    braking = np.concatenate([steady(10, 30), np.linspace(10, 0, 20), steady(0, 30), steady(10)])
+    driven = east(-45, braking), north(-9, steady(1.5, 180))
+    _, rows = found(*driven, users=[CAR, WALKER], everybody=True)
+    one, two = rows
+    assert not one["ego_first"] and two["ego_lost"] == pytest.approx(0.0, abs=1e-9)
+    # At 10 m/s its front would be at the area (45 - 0.25 - 2) / 10 s after the beginning.
+    assert one["ego_lost"] == pytest.approx(one["ego_enters"] - 4.275, abs=1e-6)
+
+
+def test_two_pedestrians_are_in_no_conflict():
+    driven = east(-4.5, steady(1.5)), north(-4.5, steady(1.4))
+    assert not found(*driven, users=[WALKER] * 2, everybody=True)[1]
+    assert found(*driven, users=[WALKER, RoadUser.BICYCLE], everybody=True)[1]
+
+
+def test_who_is_left_out_of_conflicts_is_counted(tmp_path, capsys):
+    driven = east(-30, steady(10)), north(-9, steady(1.5)), east(-30, steady(10))
+    aside = (driven[2][0], driven[2][1] + 60.0, *driven[2][2:])
+    made = recording(*driven[:2], aside, users=[CAR, WALKER, CAR])
+    files.save(tmp_path / "made.safetensors", made)
+    call = ["data", "conflicts", str(tmp_path / "made.safetensors"), "--out", str(tmp_path / "out")]
+    assert main([*call, "--json"]) == 0
+    row = {"road_user": "car", "read": 2, "used": 1, "left_out": 1}
+    row["why"] = "beside the lanelets of the map"
+    users = json.loads(capsys.readouterr().out)["road_users"]
+    assert users[0] == row and (users[1]["used"], users[1]["why"]) == (1, "")
+    assert [one["used"] for one in load(tmp_path / "out").tables["road_users"]] == [1, 1]
 
 
 @pytest.mark.recorded

@@ -158,6 +158,10 @@ def _ind(path: Path) -> None:
     _saved(import_file(path.with_name("0_tracks.csv"), "csv", read_map("ind")), path)
 
 
+def _sind(path: Path) -> None:
+    _saved(import_file(path.with_name("made_Ped_smoothed_tracks.csv"), "sind"), path)
+
+
 def _mine(path: Path) -> None:
     columns = path.with_name("columns.toml")
     if not columns.exists():
@@ -277,6 +281,10 @@ READERS = (
     Reader("inD, tracks", "ind/0_tracks.csv", _ind, beside=True),
     Reader("inD, meta", "ind/0_tracksMeta.csv", _ind, beside=True),
     Reader("inD, recording", "ind/0_recordingMeta.csv", _ind, beside=True),
+    *(
+        Reader(f"SinD, {name}", f"sind/made_{name}.csv", _sind, beside=True)
+        for name in ("Ped_smoothed_tracks", "Veh_smoothed_tracks", "Traffic_Lights")
+    ),
     Reader("column map", "columns.toml", _columns),
     Reader("declaration", "profile.toml", profiles.load),
     Reader("sweep", "sweep.toml", read_plan, beside=False),

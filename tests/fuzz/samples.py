@@ -221,11 +221,30 @@ def _recordings(folder: Path) -> None:
     write_commonroad(lit, folder / "lit.xml")
     (folder / "ind").mkdir()
     write_csv(dataclasses.replace(tracks, recording="0"), "ind", folder / "ind")
+    make_sind(folder / "sind")
     rows = [
         f"{who},{f},{f / 2},{4 * who},0.0,5.0,0.0,4.5,1.8,Car" for who in (1, 2) for f in range(9)
     ]
     head = "who,frame,x,y,heading,vx,vy,length,width,class"
     (folder / "mine.csv").write_text("\n".join([head, *rows]) + "\n")
+
+
+def make_sind(folder: Path) -> None:
+    """Two files of tracks and one of lights in SinD's layout, of 12 frames."""
+    folder.mkdir()
+    head = "track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy"
+    times = [(f, 100.1001 * f, 0.1 * f) for f in range(12)]
+    walking = [
+        f"P{n},{f},{ms},pedestrian,{n},{1.5 * t},0,1.5" for n in (1, 2) for f, ms, t in times
+    ]
+    driving = [f"1,{f},{ms},car,{8 * t - 9},3,8,0,0,4.5,1.8" for f, ms, t in times]
+    driving += [f"2,{f},{ms},tricycle,{20 - 4 * t},9,-4,0,3.1416,2.4,1.1" for f, ms, t in times]
+    lights = ["30,,0,1", "42,400.4,0,3", "48,600.6,1,3", "60,1001.001,1,0"]
+    tables = {"Ped_smoothed_tracks": [f"{head},ax,ay", *(f"{row},0,0" for row in walking)]}
+    tables["Veh_smoothed_tracks"] = [f"{head},yaw_rad,length,width", *driving]
+    tables["Traffic_Lights"] = ["RawFrameID,timestamp(ms),Traffic light 1,Traffic light 2", *lights]
+    for name, rows in tables.items():
+        (folder / f"made_{name}.csv").write_text("\n".join(rows) + "\n")
 
 
 def _trajectories(path: Path) -> None:

@@ -29,6 +29,8 @@ def test_a_recording_becomes_a_world_that_a_policy_is_evaluated_in(folder, tmp_p
     assert main([*words, *more, "--json"]) == 0
     made = json.loads(capsys.readouterr().out)
     assert made["vehicles"] == made["egos"] == 3
+    row = {"road_user": "car", "read": 3, "used": 3, "left_out": 0, "why": ""}
+    assert made["road_users"][-1] == row
     assert made["demonstrations"]["residual_rms"] == pytest.approx(0.0, abs=1e-6)
     assert demonstration_files.load(data).n_actions == 6
     assert (tmp_path / "report" / "compared.png").stat().st_size > 1000

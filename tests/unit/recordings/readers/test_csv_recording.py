@@ -271,7 +271,7 @@ def test_a_bad_column_map_is_refused(read, said, line):
 
 
 def test_unknown_maps_are_refused_with_those_there_are():
-    assert known_maps() == ("highd", "ind", "interaction", "ngsim")
+    assert known_maps() == ("highd", "ind", "interaction", "ngsim", "sind")
     with pytest.raises(UserError, match=r"unknown column map .* 'waymo'"):
         read_map("waymo")
 

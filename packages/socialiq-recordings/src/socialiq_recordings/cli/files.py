@@ -26,7 +26,13 @@ from socialiq_recordings import files
 from socialiq_recordings.identity import identify as identity
 from socialiq_recordings.identity.identify import Duplicates, Identified
 from socialiq_recordings.plausible import MeasurementError
-from socialiq_recordings.readers import FORMATS, MOST_STATES, import_file, map_of
+from socialiq_recordings.readers import (
+    FORMATS,
+    MOST_STATES,
+    WITHOUT_MAP,
+    import_file,
+    map_of,
+)
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import (
@@ -48,17 +54,17 @@ class Import(Printing):
     """
 
     format: Annotated[str, tyro.conf.Positional]
-    """commonroad (XML 2017a to 2020a), csv (with --columns) or argoverse (2, Parquet)."""
+    """commonroad (XML 2017a to 2020a), csv (with --columns), argoverse (2, Parquet) or sind."""
     recorded: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """The files."""
     out: Path
     """Folder to make: a file for each recording, and refused.csv."""
     columns: str = ""
-    """Column map of a CSV file: highd, ind, interaction, ngsim, or a file that ends in .toml."""
+    """Column map of a CSV file: highd, ind, interaction, ngsim, sind, or a .toml file."""
     most_states: int = MOST_STATES
     """Largest number of states in a file, to bound memory."""
     road: Path | None = None
-    """Map of CSV files: CommonRoad XML, Lanelet2 OSM, or a recording with lanelets."""
+    """Map of csv and sind: CommonRoad XML, Lanelet2 OSM, or a recording with lanelets."""
     origin: tuple[float, float] | None = None
     """Latitude and longitude, degrees, of the origin of CSV positions, for Lanelet2 maps."""
     position_error: float | None = None
@@ -75,12 +81,13 @@ class Import(Printing):
             raise UserError("--columns goes with csv, and csv needs it: name a column map")
         if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
             raise UserError(f"{self.out} exists already: name a new folder, or remove it first")
-        if self.road is not None and self.format != "csv":
-            raise UserError(f"--road goes with csv: a {self.format} file has a map of its own")
+        without_map = self.format in WITHOUT_MAP
+        if self.road is not None and not without_map:
+            raise UserError(f"--road goes with csv and sind: {self.format} has a map of its own")
         if self.origin is not None and not (
-            self.format == "csv" and -80 <= self.origin[0] <= 84 and -180 <= self.origin[1] <= 180
+            without_map and -80 <= self.origin[0] <= 84 and -180 <= self.origin[1] <= 180
         ):
-            raise UserError("--origin goes with csv: latitude, -80 to 84, and longitude, degrees")
+            raise UserError("--origin goes with csv and sind: latitude, -80 to 84, and longitude")
         columns = read_map(self.columns) if self.columns else None
         failed: list[dict[str, str]] = []
         with whole_folder(self.out) as folder:

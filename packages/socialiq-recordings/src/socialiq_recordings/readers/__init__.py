@@ -14,11 +14,14 @@ from socialiq_recordings.readers.commonroad_road import road_of
 from socialiq_recordings.readers.csv_recording import read_csv
 from socialiq_recordings.readers.csv_table import origin_of
 from socialiq_recordings.readers.lanelet2_road import read_lanelet2
+from socialiq_recordings.readers.sind import read_sind
 from socialiq_recordings.readers.tracks import MOST_STATES
 from socialiq_recordings.recording import Imported, Recording
 from socialiq_recordings.road.network import RoadNetwork
 
-FORMATS = ("commonroad", "csv", "argoverse")
+FORMATS = ("commonroad", "csv", "argoverse", "sind")
+WITHOUT_MAP = ("csv", "sind")
+"""Formats whose files bring no map."""
 
 
 def map_of(path: Path, source: Mapping[str, Any]) -> RoadNetwork:
@@ -59,28 +62,28 @@ def import_file(
         format: One of `FORMATS`.
         columns: Column map of a CSV file.
         most_states: More than these are refused before they fill the memory.
-        road: Map of a CSV file; its lanes give standing vehicles their heading.
+        road: Map of a CSV or SinD file; its lanes give standing vehicles their heading.
         error: Standard errors of measurement; by default the column map's, or those assumed.
-        origin: Latitude and longitude of the origin of a CSV file's positions, degrees.
+        origin: Latitude and longitude of the origin of such a file's positions, degrees.
 
     Raises:
         UserError: If the file can't be read, or most tracks fail alike; the line names the file.
     """
     one_of("format", format, FORMATS)
-    if format == "csv":
-        if columns is None:
+    if format in WITHOUT_MAP:
+        if columns is None and format == "csv":
             raise UserError("a CSV file needs a column map: name one with --columns")
-        lanelets, stated = None, {} if origin is None else {"origin": list(origin)}
-        if road is not None and origin is None:
-            lanelets = map_of(road, {"utm_origin": origin_of(path, columns)})
-        elif road is not None:
-            lanelets = map_of(road, stated)
-        recordings = read_csv(path, columns, most_states, lanelets, stated)
-        error = error or columns.error
-    elif origin is not None:
-        raise UserError(f"--origin goes with csv: a {format} file has a map of its own")
-    elif road is not None:
-        raise UserError(f"--road goes with csv: a {format} file has a map of its own")
+        stated = {} if origin is None else {"origin": list(origin)}
+        frame = stated or {"utm_origin": columns and origin_of(path, columns)}
+        lanelets = None if road is None else map_of(road, frame)
+        if columns is None:
+            recordings = [read_sind(path, most_states, lanelets, stated)]
+        else:
+            recordings = read_csv(path, columns, most_states, lanelets, stated)
+            error = error or columns.error
+    elif origin is not None or road is not None:
+        option = "--origin" if origin is not None else "--road"
+        raise UserError(f"{option} goes with csv and sind: a {format} file has a map of its own")
     else:
         read = read_commonroad if format == "commonroad" else read_argoverse
         recordings = [read(path, most_states)]

@@ -205,7 +205,7 @@ class _Draft:
         sizes = []
         for side in ("length", "width"):
             table, at = cells(side)
-            values = table[side][at]
+            values = table[side][at] if side in table else np.zeros(0)
             good = values[np.isfinite(values)] * self.columns.scales["size"]
             sizes.append(float(np.median(good)) if len(good) else 0.0)
         if min(sizes) <= 0:
