@@ -275,7 +275,7 @@ def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recordin
         if frame not in maps:
             maps[frame] = map_of(road, source)
             if faults := maps[frame].faults:
-                first = ", ".join(f"{name}: {one_line(why, 100)}" for name, why in faults[:3])
+                first = ", ".join(f"{name}: {one_line(why, 100)}" for name, why, _ in faults[:3])
                 say(f"{road}: {len(faults)} elements or errors are left out: {first}")
         tracks = dataclasses.replace(recording.tracks, source=source | stated)
         recordings[number] = Recording(tracks, maps[frame])

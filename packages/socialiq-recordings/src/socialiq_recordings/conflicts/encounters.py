@@ -338,7 +338,7 @@ class Encounters:
         return any(not self.held(ego, partner, frame) for frame in frames[close].tolist())
 
     def _held_up(self, way: Way, entry: float, but: int) -> Bool[np.ndarray, " moment"]:
-        if not way.lanelets:  # who follows no lane queues behind nobody
+        if not way.lanelets:  # who follows no lane queues behind no one
             return np.zeros(len(way.along), bool)
         if way.track not in self._ahead:
             self._ahead[way.track] = motion.ahead_of(self.scene, way, self.config.slack)

@@ -133,7 +133,7 @@ def way_of(scene: Scene, track: int) -> Way:
 def _onwards(scene: Scene, track: int, last: np.ndarray) -> Float64[np.ndarray, "point 2"]:
     """Return points of the route beyond the last state, from the vehicle's offset to its middle.
 
-    Where somebody without a route goes on is not known.
+    The way on of a road user without a route is not known.
     """
     metres = np.arange(_STEP, AHEAD, _STEP)
     heading = float(scene.tracks.heading[scene.rows(track).stop - 1])

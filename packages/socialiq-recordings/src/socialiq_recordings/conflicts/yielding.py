@@ -1,4 +1,4 @@
-"""Who yields to whom, by class, and the weight that who passes first shows."""
+"""Yielding of recorded road users by class, and the weight that the order of passing shows."""
 
 from __future__ import annotations
 
@@ -65,16 +65,16 @@ def who_yields(conflicts: Sequence[Row]) -> list[Row]:
 
 
 class Stakes(NamedTuple):
-    """What two road users would lose by waiting, and what happened."""
+    """Times that two road users would lose by waiting, and the order in which they passed."""
 
-    own: float  # s that the ego would wait for the other to leave the area
-    other: float  # s that the other would wait for the ego
+    own_wait: float  # s that the ego would wait for the other to leave the area
+    other_wait: float  # s that the other would wait for the ego
     second: bool  # whether the ego passed second
 
     @property
     def contested(self) -> bool:
-        """Whether one of them must wait, whoever goes first; else the order says little."""
-        return min(self.own, self.other) > 0
+        """Whether one of them must wait, in either order; else the order says little."""
+        return min(self.own_wait, self.other_wait) > 0
 
 
 def stakes_of(meeting: Meeting) -> Stakes | None:
@@ -88,10 +88,10 @@ def stakes_of(meeting: Meeting) -> Stakes | None:
     (arrives, leaves), (other_arrives, other_leaves) = (
         times[frames[-1]] for times in meeting.times
     )
-    own, other = max(other_leaves - arrives, 0.0), max(leaves - other_arrives, 0.0)
-    if not np.isfinite([own, other]).all():
+    own_wait, other_wait = max(other_leaves - arrives, 0.0), max(leaves - other_arrives, 0.0)
+    if not np.isfinite([own_wait, other_wait]).all():
         return None
-    return Stakes(float(own), float(other), not meeting.ego_first)
+    return Stakes(float(own_wait), float(other_wait), not meeting.ego_first)
 
 
 class Weight(NamedTuple):
@@ -104,8 +104,8 @@ class Weight(NamedTuple):
 
 
 def _log_likelihoods(
-    own: Float64[np.ndarray, " pair"],
-    other: Float64[np.ndarray, " pair"],
+    own_wait: Float64[np.ndarray, " pair"],
+    other_wait: Float64[np.ndarray, " pair"],
     second: Float64[np.ndarray, " pair"],
 ) -> Float64[np.ndarray, "choice pair"]:
     """Return the log-likelihood of each pair at all angles and sharpnesses.
@@ -114,8 +114,8 @@ def _log_likelihoods(
     and going first (McFadden 1974).
     """
     angle = np.radians(_ANGLES)[:, None]
-    gain = np.sin(angle) * other - np.cos(angle) * own
-    logit = (_SHARPNESS[:, None, None] * gain).reshape(-1, len(own))
+    gain = np.sin(angle) * other_wait - np.cos(angle) * own_wait
+    logit = (_SHARPNESS[:, None, None] * gain).reshape(-1, len(own_wait))
     return -np.logaddexp(0.0, np.where(second > 0, -logit, logit))
 
 
@@ -155,15 +155,15 @@ def recovered(
 
     The stakes are those recorded, who passes second is drawn.
     """
-    own, other, _ = np.array(stakes, np.float64).T
+    own_wait, other_wait, _ = np.array(stakes, np.float64).T
     random = np.random.default_rng(seed)
     for angle in (30.0, 45.0, 60.0):
-        gain = np.sin(np.radians(angle)) * other - np.cos(np.radians(angle)) * own
+        gain = np.sin(np.radians(angle)) * other_wait - np.cos(np.radians(angle)) * own_wait
         chance = 1 / (1 + np.exp(-sharpness * gain))
         estimates = []
         for _ in range(draws):
-            second = (random.random(len(own)) < chance).astype(np.float64)
-            best = _log_likelihoods(own, other, second).sum(axis=1).argmax()
+            second = (random.random(len(own_wait)) < chance).astype(np.float64)
+            best = _log_likelihoods(own_wait, other_wait, second).sum(axis=1).argmax()
             estimates.append(_ANGLES[best % len(_ANGLES)])
         low, high = np.quantile(estimates, [0.025, 0.975]).tolist()
         yield angle, low, high

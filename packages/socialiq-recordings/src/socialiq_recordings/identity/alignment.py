@@ -207,7 +207,7 @@ _STRIDES = 5  # of a second's descriptor
 _LAGS = 5  # lags that are tried
 _TRIALS = 12  # pairs of vehicles whose paths propose a placement, for each lag
 _LEAST_SHARE = 0.5  # of the states in common view that must have a partner
-_ALONE = 3.0  # s in common that identify a vehicle, but nobody else, without a second one
+_ALONE = 3.0  # s in common that identify a vehicle, but no walker, without a second one
 _LEAST_PATH = 3.0  # m; shorter paths fix no turn
 _COMMON_STEP = 0.1  # s, of recordings with different steps
 

@@ -111,7 +111,7 @@ def read_lights(path: Path) -> dict[str, list[list[Any]]]:
 
 
 def _together(first: Imported, second: Imported) -> Imported:
-    """Return two recordings of one time and place as one; numbers that both have begin anew."""
+    """Return two recordings of one time and place as one; numbers that both have are replaced."""
     of = first.recording.tracks, second.recording.tracks
     every = (*STATES, *ROAD_USERS)
     columns = {name: np.concatenate([getattr(part, name) for part in of]) for name in every}
