@@ -27,7 +27,8 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.statistics import betting, intervals
 from socialiq.storage import packaged_results
 from socialiq.types import Policy, Row
-from socialiq.worlds.registry import GRIDWORLDS, make
+from socialiq.worlds.registry import make
+from socialiq_lab.comparison import GRIDWORLDS
 from socialiq_lab.study import Context, Findings, StageCallback, tracked
 from studies.audit_angles import drivers
 

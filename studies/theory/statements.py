@@ -23,7 +23,8 @@ from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem, shaped
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.registry import GRIDWORLDS, make_grid
+from socialiq.worlds.registry import make_grid
+from socialiq_lab.comparison import GRIDWORLDS
 
 KINDS = ("instantaneous", "to_go")
 ANGLES = (0.0, 45.0, 90.0)

@@ -88,7 +88,8 @@ def problem_of(table: Table, setting: Setting) -> Problem:
     if setting.measure == "rows":
         rows = drawn_rows(mdp, policies, shares, reward, kind, horizon, DISCOUNT)
         return Problem(rows.mdp, rows.shares, rows.target, discount=DISCOUNT)
-    occupancy = occupancies(mdp, policies, shares, DISCOUNT)
+    # A state that is not visited may have a measure just below 0, by rounding.
+    occupancy = np.maximum(occupancies(mdp, policies, shares, DISCOUNT), 0.0)
     target = mean_target(mdp, policies, occupancy, reward, kind, DISCOUNT)
     return Problem(mdp, occupancy.sum(axis=0), target, discount=DISCOUNT)
 
