@@ -185,6 +185,7 @@ def train_dial(
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(dial_training.deployed(state), 0)
         dial = dial_training.dial_of(structure, numbers, network)
+        assert isinstance(dial, DialPolicy)  # the intersection has one class
         return _mean_value(CHECKS, dial, config.check_angles)
 
     size = structure.environments, config.steps_per_update
