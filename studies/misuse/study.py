@@ -80,7 +80,7 @@ def crowded(most: int) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
     return is_crowded
 
 
-def drawn(share: float) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
+def in_share(share: float) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
     """Return whether an observation is in a share of all, by digits that mean nothing."""
     return lambda observation: np.modf(np.abs(observation.sum(axis=1)) * 1e4)[0] < share
 
@@ -98,7 +98,7 @@ def policies(config: Any) -> Iterator[tuple[str, Policy]]:
             switching = Switching(honest, policy, crowded(most), size)
             yield f"{name} if it sees more than {most}", switching
     for share in config.shares:
-        rash = Switching(honest, bad["go"], drawn(share), size)
+        rash = Switching(honest, bad["go"], in_share(share), size)
         yield f"go in {100 * share:g} % of decisions", rash
     for rule in RULES:
         yield rule, world.driver(rule)

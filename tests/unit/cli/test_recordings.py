@@ -50,7 +50,7 @@ def test_refused_tracks_are_printed_and_written(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "refused tracks" in said and "45 m long" in said
     lines = (out / "refused.csv").read_text().splitlines()
-    assert lines[0] == "recording,identity,reason"
+    assert lines[0] == "recording,identity,reason,road_user"
     assert lines[1].startswith('ZAM_Crossing-1_1_T-1,101,"45 m long and 1.8 m wide')
 
 
