@@ -3,7 +3,7 @@
 import numpy as np
 
 from socialiq.worlds.registry import make
-from studies.misuse.study import Switching, across_rows, crowded, drawn
+from studies.misuse.study import Switching, across_rows, crowded, in_share
 
 
 def test_a_switching_policy_drives_otherwise_where_more_vehicles_are_in_view():
@@ -19,8 +19,8 @@ def test_a_switching_policy_drives_otherwise_where_more_vehicles_are_in_view():
 
 def test_the_drawn_share_is_as_large_as_named():
     observation = np.random.default_rng(1).normal(size=(4000, 71)).astype(np.float32)
-    assert abs(drawn(0.1)(observation).mean() - 0.1) < 0.02
-    np.testing.assert_array_equal(drawn(0.1)(observation), drawn(0.1)(observation))
+    assert abs(in_share(0.1)(observation).mean() - 0.1) < 0.02
+    np.testing.assert_array_equal(in_share(0.1)(observation), drawn(0.1)(observation))
 
 
 def test_a_joint_pass_needs_a_pass_in_each_scenario():
