@@ -157,7 +157,8 @@ def test_the_census_writes_its_folder(recorded, tmp_path, capsys):
     assert main(["data", "census", *recorded, "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["population"]["drivers"] == len(told["drivers"]) > 5
-    names = {"census.png", "config.json", "drivers.csv", "recordings.csv", "summary.json"}
+    tables = {"drivers.csv", "recordings.csv", "road_users.csv"}
+    names = {"census.png", "config.json", "summary.json"} | tables
     assert {path.name for path in out.iterdir()} == names
     assert main(["data", "census", *recorded, "--out", str(out)]) == 2
     capsys.readouterr()

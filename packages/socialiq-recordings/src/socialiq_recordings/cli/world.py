@@ -49,6 +49,7 @@ class Choices:
         config = WorldConfig(**dataclasses.asdict(self))  # a bad option before the slow work
         recordings = load_all(paths, road)
         built = build(recordings, config)
+        built.world.provenance["road_users"] = _users(built, False)
         if quiet:
             return built
         remark(recordings, built.identified)
@@ -136,7 +137,7 @@ class MakeWorld(OfRecordings):
         summary |= {
             name: provenance[name] for name in ("vehicles", "egos", "closures", "calibration")
         }
-        users = summary["road_users"] = provenance["road_users"] = _users(built, False)
+        users = summary["road_users"] = provenance["road_users"]
         summary["contacts"] = compare.contacts(built, self.seed, self.repeats)
         replayed = replay(built.world, self.every) if self.demonstrations is not None else None
         if self.report is not None:
