@@ -156,8 +156,8 @@ class Turn(Printing):
         refuse_existing(self.out)
         kind = kind_of(self.dial)
         if (kind == ClassDial.KIND) != (self.class_angle is not None):
-            which = "is of one angle: leave out" if kind != ClassDial.KIND else "is of two: add"
-            raise UserError(f"{self.dial} {which} --class-angle")
+            of = "two angles: add" if kind == ClassDial.KIND else "one angle: leave out"
+            raise UserError(f"{self.dial} is a dial of {of} --class-angle")
         turned: dict[str, Any] = (
             {} if self.class_angle is None else {"class_angle": self.class_angle}
         )
