@@ -1,7 +1,7 @@
 """Drivers on one pool of episodes: dials, weaker ones, experts, rules, rash ones and mixtures."""
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from socialiq.storage import packaged_results
 from socialiq.types import Policy
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.registry import make
+from socialiq_lab.intersection.driving import Deciding
 from socialiq_lab.study import StageCallback, tracked
 
 WORLD = "intersection"
@@ -39,23 +40,6 @@ class Driven(NamedTuple):
     kind: str  # optimum, dial, weaker dial, expert, rule, rash or mixture
     true_angle: float | None  # angle that it was made for, degrees
     reference: bool = False  # whether a default audit compares with it
-
-
-class Deciding(NamedTuple):
-    """A policy by a function of a batch of observations, the time with them or not."""
-
-    n_features: int
-    decide: Callable[[np.ndarray], np.ndarray]
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[np.ndarray, Any]:
-        """Choose one action for each row."""
-        return self.decide(observation), state
 
 
 def rash(policy: Policy, share: float) -> Deciding:

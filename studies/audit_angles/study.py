@@ -29,6 +29,7 @@ from socialiq.storage import packaged_results
 from socialiq.types import Policy, Row
 from socialiq.worlds.registry import make
 from socialiq_lab.comparison import GRIDWORLDS
+from socialiq_lab.intersection.driving import Deciding
 from socialiq_lab.study import Context, Findings, StageCallback, tracked
 from studies.audit_angles import drivers
 
@@ -184,7 +185,7 @@ def harms(dial: DialPolicy) -> dict[str, Scores]:
     }
 
 
-def harmful(policy: QPolicy, harm: Scores, most: float) -> drivers.Deciding:
+def harmful(policy: QPolicy, harm: Scores, most: float) -> Deciding:
     """Return a driver that takes the most harmful of the actions that lose at most so much.
 
     The loss is the value of the best action, by a policy, less that of the action.
@@ -195,7 +196,7 @@ def harmful(policy: QPolicy, harm: Scores, most: float) -> drivers.Deciding:
         allowed = values >= values.max(axis=1, keepdims=True) - most
         return np.where(allowed, harm(observation), -np.inf).argmax(axis=1)
 
-    return drivers.Deciding(policy.n_features, decide)
+    return Deciding(policy.n_features, decide)
 
 
 def fitted_rows(

@@ -7,7 +7,7 @@ Every policy is declared by the defaults of one angle. A verdict across scenario
 import contextlib
 import datetime
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float32
@@ -29,6 +29,7 @@ from socialiq.storage import packaged_results
 from socialiq.types import Policy, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.registry import make
+from socialiq_lab.intersection.driving import Deciding
 from socialiq_lab.study import Context, Findings, tracked
 
 WORLD = "intersection"
@@ -47,27 +48,25 @@ UNKNOWN = {"kind": "python", "source": "", "sha256": ""}
 Rows = Float32[np.ndarray, "batch feature"]
 
 
-class Switching(NamedTuple):
-    """A policy that drives as one in some states, and as another in the rest; time is seen."""
+def switching(
+    audited: Policy,
+    elsewhere: Policy,
+    is_elsewhere: Callable[[Rows], Bool[np.ndarray, " batch"]],
+    n_features: int,
+) -> Deciding:
+    """Return a policy that drives as one in some states, and as another in the rest.
 
-    audited: Policy
-    elsewhere: Policy
-    is_elsewhere: Callable[[Rows], Bool[np.ndarray, " batch"]]
-    n_features: int
+    It sees `n_features`, the time among them; a policy that names no size does not see the time.
+    """
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[np.ndarray, Any]:
-        """Choose one action for each row, by its observation alone."""
+    def decide(observation: np.ndarray) -> np.ndarray:
         actions = [
-            policy.predict(observation[:, : getattr(policy, "n_features", self.n_features - 1)])[0]
-            for policy in (self.elsewhere, self.audited)
+            policy.predict(observation[:, : getattr(policy, "n_features", n_features - 1)])[0]
+            for policy in (elsewhere, audited)
         ]
-        return np.where(self.is_elsewhere(observation), *actions), state
+        return np.where(is_elsewhere(observation), *actions)
+
+    return Deciding(n_features, decide)
 
 
 def crowded(most: int) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
@@ -95,10 +94,10 @@ def policies(config: Any) -> Iterator[tuple[str, Policy]]:
     bad = {"egoist": dial.at(0.0), "go": world.driver("go"), "wait": world.driver("wait")}
     for name, policy in bad.items():
         for most in config.thresholds:
-            switching = Switching(honest, policy, crowded(most), size)
-            yield f"{name} if it sees more than {most}", switching
+            driver = switching(honest, policy, crowded(most), size)
+            yield f"{name} if it sees more than {most}", driver
     for share in config.shares:
-        rash = Switching(honest, bad["go"], in_share(share), size)
+        rash = switching(honest, bad["go"], in_share(share), size)
         yield f"go in {100 * share:g} % of decisions", rash
     for rule in RULES:
         yield rule, world.driver(rule)

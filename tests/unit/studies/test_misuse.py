@@ -3,7 +3,7 @@
 import numpy as np
 
 from socialiq.worlds.registry import make
-from studies.misuse.study import Switching, across_rows, crowded, in_share
+from studies.misuse.study import across_rows, crowded, in_share, switching
 
 
 def test_a_switching_policy_drives_otherwise_where_more_vehicles_are_in_view():
@@ -12,7 +12,7 @@ def test_a_switching_policy_drives_otherwise_where_more_vehicles_are_in_view():
     for row, vehicles in enumerate((0, 3, 4)):
         seen[row, :70].reshape(10, 7)[: vehicles + 1, 0] = 1.0  # with the ego
     go, wait = world.driver("go"), world.driver("wait")
-    actions, _ = Switching(wait, go, crowded(3), 71).predict(seen)
+    actions, _ = switching(wait, go, crowded(3), 71).predict(seen)
     (waiting, going) = (policy.predict(seen[:1, :70])[0][0] for policy in (wait, go))
     assert actions.tolist() == [waiting, waiting, going]
 

@@ -1,9 +1,9 @@
-"""Driving jobs of the intersection: episodes on common seeds, and recorded demonstrations."""
+"""Drivers and driving jobs of the intersection: episodes on common seeds, and demonstrations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,23 @@ Ahead = Literal["", "planned", "lookahead"]
 """Online planning, or oracle lookahead."""
 _PAIRS = ("totals", "classical")
 _POLICIES = (EnsemblePolicy, ActorPolicy, ActorDial, DialPolicy, QPolicy)
+
+
+class Deciding(NamedTuple):
+    """A policy by a function of a batch of observations, the time with them or not."""
+
+    n_features: int
+    decide: Callable[[np.ndarray], np.ndarray]
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[np.ndarray, Any]:
+        """Choose one action for each row."""
+        return self.decide(observation), state
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,17 +46,17 @@ def who_yields(conflicts: Sequence[Row]) -> list[Row]:
         if not chosen:
             continue
         pets = [row["pet"] for row in chosen if row["pet"] is not None]
-        seen = [row for row in chosen if None not in (row["ego_lost"], row["other_lost"])]
+        ordered = [row for row in chosen if None not in (row["ego_lost"], row["other_lost"])]
         gave = Counter(
             (row["ego_first"], side)
-            for row in seen
+            for row in ordered
             for side in ("ego", "other")
             if row[f"{side}_lost"] >= YIELDED
         )
         row: Row = {"of": of, "to": to, "conflicts": len(chosen), "with_pet": len(pets)}
-        row |= {"median_pet": statistics.median(pets) if pets else None, "ordered": len(seen)}
+        row |= {"median_pet": statistics.median(pets) if pets else None, "ordered": len(ordered)}
         yielded = gave[False, "ego"], gave[True, "other"]
-        counts = sum(row["ego_first"] for row in seen), *yielded
+        counts = sum(row["ego_first"] for row in ordered), *yielded
         if of == to:
             counts = None, sum(yielded), None
         row |= dict(zip(("of_first", "of_yielded", "to_yielded"), counts, strict=True))
