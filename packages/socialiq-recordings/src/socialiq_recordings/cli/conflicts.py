@@ -15,6 +15,7 @@ from socialiq.types import Row
 from socialiq_recordings.cli.files import OfDistinct, sources_of, users_used
 from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, Meeting
 from socialiq_recordings.conflicts.measures import rows_of
+from socialiq_recordings.conflicts.walking import pedestrians
 from socialiq_recordings.conflicts.yielding import (
     Weight,
     group_of,
@@ -75,7 +76,9 @@ class FindConflicts(OfDistinct):
         every_track = [recording.tracks for recording in recordings]
         users = users_used(every_track, [encounters.ways for encounters in every])
         yields, weights = who_yields(conflicts), _weights(cases, self.seed)
+        walkers = pedestrians(recordings, conflicts)
         summary |= {"road_users": users, "yielding": yields, "weights": weights}
+        summary |= {"pedestrians": walkers}
         if self.out is not None:
             provenance: Row = {
                 "conflicts": dataclasses.asdict(config),
@@ -85,7 +88,7 @@ class FindConflicts(OfDistinct):
                 "sources": sources_of(recordings),
             }
             tables = {"recordings": counts, "conflicts": conflicts, "road_users": users}
-            tables |= {"yielding": yields, "weights": weights}
+            tables |= {"yielding": yields, "weights": weights, "pedestrians": walkers}
             tables = {name: rows for name, rows in tables.items() if rows}
             results = Results.of("recordings conflicts", provenance, tables, summary)
             drawings = self._drawings(cases) if self.pictures else {}
@@ -95,7 +98,8 @@ class FindConflicts(OfDistinct):
         else:
             print_table(counts, "Conflicts of unordered pairs")
             print_table(users, "Road users")
-            for title, rows in (("Who yields to whom", yields), ("Weight shown", weights)):
+            titles = ("Who yields to whom", "Weight shown", "Pedestrians")
+            for title, rows in zip(titles, (yields, weights, walkers), strict=True):
                 if rows:
                     cells = [{n: "" if v is None else v for n, v in r.items()} for r in rows]
                     print_table(cells, title)

@@ -183,7 +183,7 @@ def heading_of_motion(vx: Column, vy: Column) -> Column | None:
 
 
 def directions(
-    road: RoadNetwork, states: Sequence[Float64[np.ndarray, "5 state"]]
+    road: RoadNetwork, states: Sequence[Float64[np.ndarray, "5 _"]]
 ) -> Callable[[float, float], float | None]:
     """Return a function of a place, m, that returns the direction of the lane there, rad.
 

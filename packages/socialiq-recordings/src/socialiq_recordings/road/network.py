@@ -232,6 +232,13 @@ class Lanes:
         return against
 
 
+def area_of(lanelet: Lanelet) -> Any:
+    """Return the area of a lanelet as a Shapely geometry; `UserError` without Shapely."""
+    ring = np.concatenate([lanelet.left, lanelet.right[::-1]])
+    area = shapely().make_valid(shapely().polygons(ring))
+    return area if area.geom_type != "GeometryCollection" else area.buffer(0)
+
+
 def lanes_of(road: RoadNetwork) -> Lanes:
     """Find a road network's conflicts.
 
@@ -247,11 +254,7 @@ def lanes_of(road: RoadNetwork) -> Lanes:
         return Lanes(road, {}, {})
     lanelets = [road.lanelets[number] for number in sorted(road.lanelets)]
     centres = [library.linestrings(lanelet.centre) for lanelet in lanelets]
-    areas = []
-    for lanelet in lanelets:
-        ring = np.concatenate([lanelet.left, lanelet.right[::-1]])
-        area = library.make_valid(library.polygons(ring))
-        areas.append(area if area.geom_type != "GeometryCollection" else area.buffer(0))
+    areas = [area_of(lanelet) for lanelet in lanelets]
     conflicts: dict[tuple[int, int], Conflict] = {}
     for first, second in library.STRtree(areas).query(areas, predicate="intersects").T:
         if first >= second:
