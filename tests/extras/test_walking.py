@@ -10,7 +10,6 @@ from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
 
 
-
 def north(metres):
     return np.array([[-20.0, metres], [20.0, metres]])
 
