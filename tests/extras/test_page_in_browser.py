@@ -96,11 +96,11 @@ def test_the_dial_of_what_it_causes_drives_where_that_of_eq_4_2_stands(tab, addr
 
 def test_a_wrong_link_or_seed_does_no_harm(tab, address):
     go(tab, address, "#seed=-3&angles=0,400&step=x&view=none")
-    assert tab.input_value("#seed") == "12" and tab.locator("#stages canvas").count() == 3
+    assert tab.input_value("#seed") == "1" and tab.locator("#stages canvas").count() == 3
     tab.fill("#seed", "a lot")
     tab.press("#seed", "Enter")
     assert tab.inner_text("#said") == "A seed is a whole number from 0 on."
-    assert tab.input_value("#seed") == "12"
+    assert tab.input_value("#seed") == "1"
 
 
 def test_episodes_in_the_background_give_rates_and_intervals(tab, address):
@@ -121,19 +121,75 @@ def test_one_drives_and_downloads_demonstrations(tab, address, tmp_path):
     assert tab.inner_text("#own").startswith(
         ("You arrive after", "You collide after", "You are still")
     )
-    assert tab.inner_text("#own-angle") == "4 more to see your angle."
+    assert tab.inner_text("#own-angle").startswith("4 more")
     with tab.expect_download() as waiting:
         tab.click("#download")
     waiting.value.save_as(tmp_path / "driven.safetensors")
     found = files.load(tmp_path / "driven.safetensors")
     assert found.n_episodes == 1 and found.source["seeds"] == [12]
+    ended = tab.inner_text("#own")
+    assert tab.inner_text("#beside-said-1").startswith(("arrives", "collides", "is still"))
+    tab.reload(wait_until="commit")
+    tab.wait_for_selector("html[data-ready]", state="attached")
+    assert tab.inner_text("#own-angle").startswith("4 more"), ended
+    tab.click("#forget")
+    assert tab.inner_text("#own-angle").startswith("5 more")
+
+
+@pytest.mark.parametrize(("choice", "words"), [("go", "make a car brake"), ("wait", "let 2 cars")])
+def test_one_question_is_answered_beside_0_and_45_degrees(tab, address, choice, words):
+    tab.set_viewport_size({"width": 1280, "height": 720})
+    go(tab, address)
+    tab.wait_for_selector("#story-choice.due")
+    for name in ("go", "wait"):
+        box = tab.locator(f"#story-{name}").bounding_box()
+        assert box["y"] + box["height"] < 720
+    tab.click(f"#story-{choice}")
+    tab.evaluate("story.clock.seek(story.clock.end)")
+    assert tab.inner_text("#story-words").startswith(f"You {words}")
+    assert "at 45° it lets 2 cars pass and arrives" in tab.inner_text("#story-words")
+
+
+def test_the_story_has_five_steps_and_ends_with_the_dial(tab, address):
+    go(tab, address, "#chapter=1")
+    said = []
+    for step in range(1, 6):
+        assert tab.inner_text("#story-steps") == f"Step {step} of 5"
+        tab.evaluate("story.clock.seek(story.clock.end)")
+        said.append(tab.locator(".caption").all_inner_texts())
+        if step < 5:
+            tab.click("#story-on")
+    assert said[1] == [
+        "arrives after 10 s, makes a car brake hard",
+        "arrives after 17 s, lets 2 cars pass",
+    ]
+    assert said[2] == ["still waits after 20 s", "arrives after 16 s"]
+    assert tab.is_hidden("#story-on")
+    tab.locator("#story-dial").focus()
+    tab.keyboard.press("Home")
+    tab.evaluate("story.clock.seek(story.clock.end)")
+    assert tab.locator(".caption").nth(1).inner_text() == "arrives after 10 s"
+
+
+def test_one_of_three_cars_is_as_sold(tab, address):
+    go(tab, address, "#tab=sold")
+    verdicts = []
+    for car in range(3):
+        tab.locator("#sold-cars button").nth(car).click()
+        tab.wait_for_selector("#sold-verdict:not(:empty)")
+        verdicts.append(
+            (tab.get_attribute("#sold-verdict", "data-passes"), tab.inner_text("#sold-why"))
+        )
+    assert sorted(passes for passes, _ in verdicts) == ["false", "false", "true"]
+    for passes, why in verdicts:
+        assert ("dial at 45°" in why) == (passes == "true")
 
 
 @pytest.mark.parametrize("width", [390, 1024, 1920])
 def test_nothing_is_wider_than_the_window(tab, address, width):
     tab.set_viewport_size({"width": width, "height": 900})
     go(tab, address, "#step=30")
-    for name in ("turn", "drive", "grid", "fleet", "about"):
+    for name in ("story", "drive", "sold", "turn", "grid", "fleet", "about"):
         tab.click(f"#tab-{name}")
         assert tab.evaluate("document.documentElement.scrollWidth") <= width, name
 
@@ -185,10 +241,10 @@ UNNAMED = """() => [...document.querySelectorAll(
 
 
 def test_every_control_and_picture_has_a_name_and_tab_reaches_the_dial(tab, address):
-    go(tab, address, "#step=30")
+    go(tab, address, "#tab=turn&step=30")
     assert tab.evaluate(UNNAMED) == []
     reached = []
-    for _ in range(12):
+    for _ in range(14):
         tab.keyboard.press("Tab")
         reached.append(tab.evaluate("document.activeElement.id"))
     assert "dial" in reached and "play" in reached

@@ -13,7 +13,7 @@ from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.data import FAMILY, STUDY
+from socialiq.page.data import CAUSED_STUDY, FAMILY, STORY_SEED, STUDY, shipped_dial
 from socialiq.page.fleets import DIALS, OPTIONS, chosen_cars
 from socialiq.page.webassembly.equality import native
 from socialiq.page.webassembly.layout import CORE, layout
@@ -143,3 +143,35 @@ def test_what_was_driven_is_a_file_that_train_learns_from(tmp_path):
         main([*words, "--hidden", "4", "--set", "batch_size=4", "--out", str(tmp_path / "run")])
         == 0
     )
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """Statements of the page's scripts about the shipped dials."""
+    folder = tmp_path_factory.mktemp("told")
+    (folder / "layout.json").write_text(json.dumps(layout(Options())))
+    (folder / "curve.json").write_text(json.dumps([p._asdict() for p in shipped_dial().curve]))
+    caused, words = packaged_results() / CAUSED_STUDY / "dial.safetensors", folder / "told.json"
+    files = CORE, folder / "layout.json", DIAL_FILE, caused, folder / "curve.json"
+    node("page_story.mjs", *files, STORY_SEED, words)
+    return json.loads(words.read_text())
+
+
+def test_the_seed_of_the_story_shows_what_its_steps_say(told):
+    own, even, near, caused = told["story"]
+    assert "brake hard" in own and "arrives" in own
+    assert "pass" in even and "brake" not in even and "arrives" in even
+    assert near.startswith("still waits") and "arrives" in caused and "brake" not in caused
+
+
+def test_the_dials_own_decisions_are_most_like_its_own_angle(told):
+    for row in told["likeness"]:
+        assert row["share"] == 1.0
+        assert row["low"] <= row["angle"] <= row["high"] and row["high"] - row["low"] <= 6
+
+
+def test_a_car_is_seldom_excluded_at_its_own_angle_and_always_at_another_ones(told):
+    accepted = {row["angle"]: row["accepted"] for row in told["excluded"]}
+    wrong = sum(angle not in block for angle, blocks in accepted.items() for block in blocks)
+    assert wrong <= 5  # of 24 at 5 % each: 1.2 on average, more than 5 in 1 of 900
+    assert not any(45 in block for angle in (0, 75) for block in accepted[angle])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.exact import Optimum
-from socialiq.page.data import ANGLES, crossing
+from socialiq.page.data import ANGLES, STORY_SEED, crossing, story
 from socialiq.social.angle import exact_weights
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
@@ -57,3 +57,11 @@ def test_at_45_degrees_it_stops_only_for_a_vehicle_in_the_cell_before():
     far, _, near, none = corner_at(45)["approaching"]
     assert near[0] > 1.0 and near[1:] == [0.0, 0.0]
     assert far[0] == none[0] == 0.0
+
+
+def test_the_price_of_the_story_is_that_of_the_docs():
+    caused, near = story(shipped=True)["price"]
+    delays = [[round(point["delay"][0]) for point in line["points"]] for line in (caused, near)]
+    assert delays == [[4, 3, 2, 3, 3, 3, 4], [5, 4, 3, 3, 5, 17, 58]]
+    assert caused["points"][0]["kept"] == 1.0 and 0.88 < caused["points"][-1]["kept"] < 0.89
+    assert story(shipped=False) == {"main": 0, "other": None, "seed": STORY_SEED, "price": []}

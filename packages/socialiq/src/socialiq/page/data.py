@@ -109,6 +109,11 @@ CAUSED_STUDY = "caused-effects"
 FAMILY, SEED = "iterated", 60
 """Dials improved by policy iteration; the training seed of the one beside the tables."""
 
+_PRICED = {"caused": "what it causes", "eq_4_2": "what happens near it"}
+
+STORY_SEED = 1
+"""Traffic of the story: the smallest seed that a test of its claims accepts."""
+
 EPISODES = 500
 """Episodes at each angle of a user's dial, seeds 1 ff."""
 
@@ -197,6 +202,36 @@ def fleet_dial() -> PageDial:
     )
     file = (packaged_results() / FLEET_STUDY / "dial.safetensors").read_bytes()
     return PageDial("what it causes, among its like", file, 0, 90, (), source)
+
+
+def story(shipped: bool) -> dict[str, Any]:
+    """Return what the page's story needs beside the dials, JSON-compatible.
+
+    Returns:
+        `main` and `other`: the dial that it shows and the one beside it, or None; `seed`; `price`:
+        for each dial of the study of effects the metres that others lose, with their interval, and
+        the share of its own progress at the first angle that the ego keeps.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
+    if not shipped:
+        return {"main": 0, "other": None, "seed": STORY_SEED, "price": []}
+    with open_csv(packaged_results() / CAUSED_STUDY / "effects.csv") as text:
+        rows = list(csv.DictReader(text))
+    price = []
+    for place, (dial, name) in enumerate(_PRICED.items()):
+        chosen = [row for row in rows if row["dial"] == dial]
+        points = [
+            {
+                "angle": float(row["angle"]),
+                "delay": [float(row[f"delay{end}"]) for end in ("", "_low", "_high")],
+                "kept": float(row["r_env"]) / float(chosen[0]["r_env"]),
+            }
+            for row in chosen
+        ]
+        price.append({"name": name, "place": 1 - place, "points": points})
+    return {"main": 1, "other": 0, "seed": STORY_SEED, "price": price}
 
 
 def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, float, float]:

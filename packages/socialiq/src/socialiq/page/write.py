@@ -9,7 +9,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from socialiq.page.data import PageDial, caused_dial, crossing, fleet_dial, shipped_dial
+from socialiq.page.data import (
+    PageDial,
+    caused_dial,
+    crossing,
+    fleet_dial,
+    shipped_dial,
+    story,
+)
 from socialiq.page.fleets import fleet_data
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, read_json, write_atomically
@@ -78,6 +85,7 @@ def page(dial: PageDial | None = None) -> str:
         "dials": [of_dial(dial) for dial in dials],
         "crossing": crossing(),
         "fleet": fleet_data(measured=dial is None),
+        "story": story(shipped=dial is None),
     }
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
     allowed = policy(script, style)

@@ -1,9 +1,9 @@
 // Everything shown, in the address after #, so that a link restores it.
 
-const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90], dial: [0, 1], fleet: [0, 90], trained: [0, 2] };
-const WORDS = { view: ["side", "ghosts"], tab: ["turn", "drive", "grid", "fleet", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
+const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90], dial: [0, 1], fleet: [0, 90], trained: [0, 2], chapter: [0, 5] };
+const WORDS = { view: ["side", "ghosts"], tab: ["story", "drive", "sold", "turn", "grid", "fleet", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
 
-export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1", grid: 45, dial: 0, fleet: 45, trained: 2 };
+export const FIRST = { seed: 1, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "story", speed: "1", grid: 45, dial: 0, fleet: 45, trained: 2, chapter: 0 };
 
 /** Return the text after # for a state. */
 export function writeAddress(state) {
@@ -28,6 +28,7 @@ export function keepAddress(state) {
 export function readAddress(text, ranges = [[0, 90]]) {
   const given = new URLSearchParams(text.replace(/^#/, ""));
   const state = { ...FIRST, angles: [...FIRST.angles] };
+  if (given.has("seed") || given.has("angles")) state.tab = "turn"; // a link that names no tab shows its twins
   for (const [name, [least, most]] of Object.entries(WHOLE)) {
     const value = Number(given.get(name) ?? NaN);
     if (Number.isInteger(value) && value >= least && value <= most) state[name] = value;

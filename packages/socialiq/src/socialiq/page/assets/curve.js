@@ -72,8 +72,9 @@ export class Curve {
       const { env, social } = found ? { env: found.env[0], social: found.social[0] } : this.at(twin.angle);
       const [cx, cy] = this.place(env, social);
       const mark = svg("g", { class: `curve-mark twin-${twin.place}` });
-      mark.append(svg("circle", { cx, cy, r: 11 }), svg("text", { x: cx, y: cy + 4.2 }, twin.letter));
-      mark.append(svg("title", {}, `${twin.letter}, ${twin.angle}°: own progress ${signed(env)}, effect on others ${signed(social)}`));
+      mark.append(svg("circle", { cx, cy, r: 11 }), svg("text", { x: cx, y: cy + (twin.letter.length > 1 ? 3 : 4.2), class: twin.letter.length > 1 ? "wide" : "" }, twin.letter));
+      const angle = twin.angle === undefined ? "" : `, ${twin.angle}°`;
+      mark.append(svg("title", {}, `${twin.letter}${angle}: own progress ${signed(env)}, effect on others ${signed(social)}`));
       this.marks.append(mark);
     });
   }

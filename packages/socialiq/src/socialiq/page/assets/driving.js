@@ -4,30 +4,26 @@ import { signed } from "./bars.js";
 import { Curve } from "./curve.js";
 import { demonstrationsFile } from "./demonstrations.js";
 import { meanOf } from "./episodes.js";
-import { outcomeOf, sceneAt } from "./film.js";
+import { filmOf, filmOfActions, outcomeOf, sceneAt } from "./film.js";
+import { agreements, likeliest } from "./likeness.js";
 import { Stage } from "./scene.js";
 import { Transport } from "./transport.js";
 
 const ENOUGH = 5; // episodes from which on an angle is shown
-const RESAMPLES = 2000;
+const KEPT = "socialiq-driven"; // where the browser keeps them
+const BESIDE = [0, 45]; // degrees at which the same traffic is shown after an episode
+const PLACES = [0, 2]; // of their colours
 const [SLOWER, IDLE, FASTER] = [0, 1, 2];
 
-/** Return the angle of mean rewards in degrees. */
-export function angleOf(env, social) {
-  return (Math.atan2(social, env) * 180) / Math.PI;
-}
-
-/** Return the angle of the means of pairs with a 95 % percentile bootstrap: `[angle, low, high]`. */
-export function angleInterval(pairs) {
-  let word = 1; // a fixed stream (Lehmer 1951, by Park and Miller): the same episodes, the same interval
-  const draw = (below) => ((word = (word * 48271) % 2147483647) % below);
-  const mean = (chosen, place) => chosen.reduce((sum, pair) => sum + pair[place], 0) / chosen.length;
-  const own = angleOf(mean(pairs, 0), mean(pairs, 1));
-  const apart = Array.from({ length: RESAMPLES }, () => {
-    const chosen = pairs.map(() => pairs[draw(pairs.length)]);
-    return ((angleOf(mean(chosen, 0), mean(chosen, 1)) - own + 540) % 360) - 180;
-  }).sort((one, other) => one - other);
-  return [own, own + apart[Math.floor(0.025 * RESAMPLES)], own + apart[Math.ceil(0.975 * RESAMPLES) - 1]];
+/** Return what this browser keeps of earlier visits: seeds and decisions; nothing where it keeps nothing. */
+function keptEpisodes() {
+  try {
+    const kept = JSON.parse(window.localStorage.getItem(KEPT) ?? "[]");
+    const right = ({ seed, actions }) => Number.isSafeInteger(seed) && seed >= 0 && Array.isArray(actions) && actions.length > 0 && actions.every((one) => [SLOWER, IDLE, FASTER].includes(one));
+    return Array.isArray(kept) ? kept.filter(right) : [];
+  } catch {
+    return [];
+  }
 }
 
 export class Driving {
@@ -37,7 +33,10 @@ export class Driving {
     this.find = (name) => document.getElementById(name);
     this.stage = new Stage(this.find("road"), this.layout);
     this.plot = new Curve(this.find("own-curve"), this.curve);
-    this.films = [];
+    this.films = keptEpisodes().map(({ seed, actions }) => filmOfActions(this.recorder, seed, actions)).filter(({ ending }) => ending !== this.layout.endings.none);
+    this.beside = BESIDE.map((_, number) => ({ stage: new Stage(this.find(`beside-${number}`), this.layout), said: this.find(`beside-said-${number}`), film: null }));
+    this.replay = new Transport(this.layout.frames / this.layout.decision_seconds, () => this.showBeside());
+    this.networks = null;
     this.action = IDLE;
     this.clock = new Transport(this.layout.frames / this.layout.decision_seconds, () => this.moved());
     [["slower", SLOWER], ["idle", IDLE], ["faster", FASTER]].forEach(([name, action]) => {
@@ -45,17 +44,36 @@ export class Driving {
     });
     this.find("start").addEventListener("click", () => this.start());
     this.find("download").addEventListener("click", () => this.download());
+    this.find("forget").addEventListener("click", () => this.forget());
+    this.find("own-seed").addEventListener("change", (event) => this.typeSeed(event.target));
     this.film = null;
     this.next();
+    if (this.films.length) this.account();
   }
 
-  /** Prepare the next seed. */
+  /** Prepare the next seed: the chosen one, then those after it. */
   next() {
-    this.film = this.recorder.begin(this.state.seed + this.films.length);
+    if (this.base !== this.state.seed) Object.assign(this, { base: this.state.seed, driven: 0 });
+    this.film = this.recorder.begin(this.base + this.driven);
     this.over = false;
     this.clock.time = 0;
     this.clock.load(0);
+    this.find("own-seed").value = this.film.seed;
     this.choose(IDLE);
+  }
+
+  typeSeed(field) {
+    const seed = Number(field.value);
+    const right = field.value.trim() !== "" && Number.isSafeInteger(seed) && seed >= 0;
+    if (right) {
+      this.pause();
+      this.state.seed = seed;
+      this.base = undefined;
+      this.next();
+    } else {
+      field.value = this.film.seed;
+      this.find("next-decision").textContent = "A seed is a whole number from 0 on.";
+    }
   }
 
   start() {
@@ -70,6 +88,7 @@ export class Driving {
 
   pause() {
     if (this.clock.playing) this.clock.pause();
+    if (this.replay.playing) this.replay.pause();
   }
 
   choose(action) {
@@ -108,10 +127,55 @@ export class Driving {
   finish() {
     if (this.films.includes(this.film)) return;
     this.films.push(this.film);
+    this.driven += 1;
     const [env, social] = this.sums(this.film);
     const ended = outcomeOf(this.film, this.layout).replace(/^is/, "are").replace(/^(arrive|collide)s/, "$1");
     this.find("own").textContent = `You ${ended}: own progress ${signed(env)}, effect on others ${signed(social)}.`;
     this.account();
+    this.keep();
+    this.compare();
+  }
+
+  /** Keep the episodes for the next visit, where the browser allows it. */
+  keep() {
+    const kept = this.films.map(({ seed, decisions }) => ({ seed, actions: decisions.map(({ action }) => action) }));
+    try {
+      window.localStorage.setItem(KEPT, JSON.stringify(kept));
+    } catch {
+      // a private window: they last as long as the page
+    }
+  }
+
+  forget() {
+    this.films = [];
+    this.keep();
+    this.find("own").textContent = "Drive an episode to see your rewards.";
+    this.find("own-angle").textContent = `${ENOUGH} more to see which angle you drive most like.`;
+    for (const name of ["download", "forget"]) this.find(name).disabled = true;
+    this.plot.show([], []);
+  }
+
+  /** Show the seed of the last episode as the dial drives it. */
+  compare() {
+    const [low, high] = this.range;
+    this.beside.forEach((scene, number) => {
+      const angle = Math.min(Math.max(BESIDE[number], low), high);
+      scene.film = filmOf(this.recorder, this.dial.at(angle), this.film.seed);
+      scene.said.textContent = outcomeOf(scene.film, this.layout);
+    });
+    this.find("beside").hidden = false;
+    this.replay.time = 0;
+    this.replay.load(Math.max(...this.beside.map(({ film }) => film.frames.length - 1)));
+    this.replay.play();
+  }
+
+  showBeside() {
+    const colours = this.colours();
+    this.beside.forEach(({ stage, film }, number) => {
+      if (!film) return;
+      stage.fit(colours);
+      stage.draw(sceneAt(film, this.replay.time).vehicles, { letter: "", colour: colours.twins[PLACES[number]], braking: new Set(), near: false }, []);
+    });
   }
 
   sums(film) {
@@ -121,26 +185,44 @@ export class Driving {
   account() {
     const pairs = this.films.map((film) => this.sums(film));
     const left = ENOUGH - pairs.length;
-    this.find("download").disabled = false;
-    if (left > 0) this.find("own-angle").textContent = `${left} more to see your angle.`;
-    else {
-      const [angle, low, high] = angleInterval(pairs).map((one) => `${one.toFixed(0).replace("-", "−")}°`);
-      this.find("own-angle").textContent = `Your angle shows ${angle} (${low} to ${high}, ${pairs.length} episodes).`;
-    }
+    for (const name of ["download", "forget"]) this.find(name).disabled = false;
+    this.find("own-angle").textContent = left > 0 ? `${left} more to see which angle you drive most like.` : this.likeness();
     const [env, social] = [0, 1].map((place) => meanOf(pairs.map((pair) => pair[place])));
-    const found = pairs.length > 1 ? { env, social } : { env: [env[0], env[0], env[0]], social: [social[0], social[0], social[0]] };
-    this.plot.show([{ place: 1, letter: "you", angle: Math.round(angleOf(env[0], social[0])) }], [found]);
+    const measured = pairs.length > 1 ? { env, social } : { env: [env[0], env[0], env[0]], social: [social[0], social[0], social[0]] };
+    this.plot.show([{ place: 1, letter: "you" }], [measured]);
+  }
+
+  /** Which angle of the dial takes most of your decisions, in words. */
+  likeness() {
+    const [first, last] = this.range;
+    const angles = Array.from({ length: last - first + 1 }, (_, number) => first + number);
+    this.networks ??= angles.map((angle) => this.dial.at(angle));
+    const decisions = this.films.reduce((sum, film) => sum + film.decisions.length, 0);
+    const { place, low, high, share } = likeliest(agreements(this.films, this.networks), decisions);
+    return `You drove most like the dial at ${angles[place]}° (from ${angles[low]}° to ${angles[high]}°): it takes ${Math.round(100 * share)} % of your ${decisions} decisions, too.`;
   }
 
   show() {
     if (!this.film || this.find("drive").hidden) return;
+    if (!this.clock.playing && this.clock.end === 0 && this.base !== this.state.seed) this.next();
     const colours = this.colours();
     this.stage.fit(colours);
     const now = this.film.decisions[this.film.decisions.length - 1];
     const near = Boolean(now && now.signals[this.layout.env_signals] > 0);
     const twin = { letter: "", colour: colours.twins[1], braking: now?.braking ?? new Set(), near };
-    this.stage.draw(sceneAt(this.film, this.clock.time).vehicles, twin, []);
+    const { vehicles } = sceneAt(this.film, this.clock.time);
+    this.stage.draw(vehicles, twin, []);
+    this.dashboard(vehicles.find((vehicle) => vehicle.ego));
     this.find("start").textContent = this.clock.playing ? "Pause" : this.over ? "Next episode" : "Drive";
+  }
+
+  /** Speed, and what the next decision will be and when: a press is confirmed at once. */
+  dashboard(ego) {
+    const speed = `${Math.round(3.6 * (ego?.speed ?? 0))} km/h`;
+    if (this.find("own-speed").textContent !== speed) this.find("own-speed").textContent = speed;
+    const left = Math.max(this.clock.end - this.clock.time, 0) / this.clock.rate;
+    const words = ["slower", "keep", "faster"][this.action];
+    this.find("next-decision").textContent = this.over ? "" : this.clock.playing ? `in ${left.toFixed(1)} s: ${words}` : `first decision: ${words}`;
   }
 
   download() {

@@ -10,9 +10,11 @@ import { Recorder } from "./film.js";
 import { Fleets } from "./fleet.js";
 import { dialOf } from "./network.js";
 import { UserError } from "./safetensors.js";
+import { Sold } from "./sold.js";
+import { Story } from "./story.js";
 import { Twins } from "./twins.js";
 
-const TABS = ["turn", "drive", "grid", "fleet", "about"];
+const TABS = ["story", "drive", "sold", "turn", "grid", "fleet", "about"];
 const NARROW = 640; // CSS pixels below which twins share one scene, unless a link says otherwise
 
 /** Return the core with some rows, and the dial, from the page's data. */
@@ -58,8 +60,8 @@ function showTab(name, state) {
   }
 }
 
-function listen({ twins, driving, crossing, fleets }, state) {
-  const parts = { turn: twins, drive: driving, grid: crossing, fleet: fleets };
+function listen({ story, twins, driving, crossing, fleets }, state) {
+  const parts = { story, turn: twins, drive: driving, grid: crossing, fleet: fleets };
   const tabs = TABS.map((name) => document.getElementById(`tab-${name}`));
   tabs.forEach((tab, number) => {
     tab.addEventListener("click", () => show(TABS[number]));
@@ -74,15 +76,14 @@ function listen({ twins, driving, crossing, fleets }, state) {
   });
   function show(name) {
     twins.clock.pause();
-    driving.pause();
-    fleets.pause();
+    for (const part of [story, driving, fleets]) part.pause();
     showTab(name, state);
     window.history.replaceState(null, "", writeAddress(state));
     parts[name]?.show();
   }
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("input, select, textarea") || event.metaKey || event.ctrlKey || event.altKey) return;
-    const keys = { drive: () => driving.key(event), turn: () => keyOf(event, twins), grid: () => crossing.key(event), fleet: () => fleets.key(event) };
+    const keys = { story: () => story.key(event), drive: () => driving.key(event), turn: () => keyOf(event, twins), grid: () => crossing.key(event), fleet: () => fleets.key(event) };
     if (keys[state.tab]?.()) event.preventDefault();
   });
   window.addEventListener("hashchange", () => window.location.reload());
@@ -148,12 +149,15 @@ function start() {
     const dials = data.dials.map(({ name, range, dial: text }) => ({ name, range, bytes: () => bytesOf(text) }));
     const several = { ...data.layout, ...data.fleet.layout };
     const fleets = new Fleets({ ...data.fleet, layout: several, dials, recorder: () => recorder(several), colours: parts.colours }, state);
-    listen({ twins, driving, crossing, fleets }, state);
+    const sold = new Sold(parts);
+    const story = new Story({ layout: data.layout, recorder: recorder(), dials, story: data.story, colours: parts.colours }, state);
+    story.show();
+    listen({ story, twins, driving, crossing, fleets }, state);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (state.tab === "turn" && state.step === FIRST.step && !still) twins.clock.play();
     document.documentElement.dataset.ready = "yes";
     performance.mark("ready");
-    Object.assign(window, { twins, driving, crossing, fleets }); // for tests and the curious
+    Object.assign(window, { story, sold, twins, driving, crossing, fleets }); // for tests and the curious
   } catch (error) {
     fail(error instanceof UserError ? error.message : `This page can't start: ${error.message}`);
   }
