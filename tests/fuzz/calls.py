@@ -65,6 +65,7 @@ BASES: dict[str, list[str]] = {
     "reproduce": ["worlds", "--out", OUT],
     "claims": [],
     "conformance": ["--episodes", "1"],
+    "world sumo": ["crossing"],  # without the extra `sumo` refused too
     "bench": ["recordings", "--repeats", "1"],
     "profile new": ["--world", "crossing5", "--angle", "0", "--out", OUT],
     "profile check": [PROFILE],

@@ -41,6 +41,7 @@ COMMANDS = {
     "population": "socialiq.cli.population:Population",
     "stakeholders": "socialiq.cli.population:Stakeholders",
     "export": "socialiq.cli.export:Export",
+    "world sumo": "socialiq.cli.sumo:WorldSumo",
     "conformance": "socialiq.cli.conformance:Conformance",
     "profile new": "socialiq.cli.profile:New",
     "profile check": "socialiq.cli.profile:Check",
@@ -66,6 +67,7 @@ for _entry in sorted(entry_points(group="socialiq.commands"), key=lambda entry: 
 GROUPS = {
     "profile": "declarations for an audit",
     "data": "data sets and recorded traffic",
+    "world": "worlds of other simulators",
     "train": "learners: the first word, iq-learn if it is a file",
 }
 """First words that need a second one, and the subject of their commands."""

@@ -13,23 +13,36 @@ from socialiq.cli.drivers import dial_of, driver_of, gridworld_of
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.effects import Begun, Effects, expected_delay, measure, measuring, summary
+from socialiq.evaluation.effects import (
+    Begun,
+    Effects,
+    expected_delay,
+    measure,
+    measuring,
+    shares_of,
+    summary,
+    sums_in,
+)
 from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
 from socialiq.results_folder import as_csv, versions
+from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds import SUMO_IDS, SUMO_NET
+from socialiq.worlds.environment import make_environment
 from socialiq.worlds.highway.effects import RELATIONS, AfterTimeout
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
-from socialiq.worlds.registry import GRIDWORLDS, make_grid, open_world
+from socialiq.worlds.registry import GRIDWORLDS, make, make_grid, open_world
 
 PRINTED = (
-    "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "braking", "gap_below_1_s",
+    "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
+    "delay_bicycle", "delay_pedestrian", "braking", "gap_below_1_s",
     "collision", "arrival", "not_caused_of_charged", "missed_of_caused", "gained_of_credited",
 )  # fmt: skip
 
@@ -46,8 +59,8 @@ class EffectsOf(Printing):
 
     world: Annotated[str, tyro.conf.Positional]
     """intersection, merge, roundabout, another road of highway-env, a file of `socialiq data
-    world`, or a gridworld, whose delay is exact, in cells: crossing5, crossing7 or
-    crosswalk7."""
+    world`, sumo, sumo-row, a network of SUMO (.net.xml), or a gridworld, whose delay is exact, in
+    cells: crossing5, crossing7 or crosswalk7."""
     _: KW_ONLY
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them."""
@@ -71,8 +84,8 @@ class EffectsOf(Printing):
     def run(self) -> int:
         """Drive, print, write the folder."""
         check_seed(self.seed)
-        if not Path(self.world).suffix:  # a file is of a recorded junction
-            one_of("world", self.world, (*GRIDWORLDS, "intersection", *SCENES))
+        if not Path(self.world).suffix:  # a file is of a recorded junction, or a network
+            one_of("world", self.world, (*GRIDWORLDS, "intersection", *SCENES, *SUMO_IDS))
         if not self.policy:
             raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.angle and all(angle is None for _, angle in self.drivers()):
@@ -80,7 +93,9 @@ class EffectsOf(Printing):
         if self.out:
             check_output_folder(self.out)
         episodes: list[Row] = []
-        rows, about = self.exact() if self.world in GRIDWORLDS else self.driven(episodes)
+        in_sumo = self.world in SUMO_IDS or self.world.endswith(SUMO_NET)
+        driven = self.in_sumo if in_sumo else self.driven
+        rows, about = self.exact() if self.world in GRIDWORLDS else driven(episodes)
         result = {"world": self.world, **about, "drivers": rows}
         if self.out:
             with whole_folder(self.out) as folder:
@@ -88,6 +103,7 @@ class EffectsOf(Printing):
                 write_json(folder / "effects.json", rounded(result | {"versions": versions()}))
                 if episodes:
                     write_atomically(folder / "episodes.csv", as_csv(episodes))
+                if episodes and not in_sumo:
                     write_atomically(
                         folder / "effects.png", style.png({"": effects_figure(rows)})[""]
                     )
@@ -103,9 +119,7 @@ class EffectsOf(Printing):
 
     def driven(self, episodes: list[Row]) -> tuple[list[Row], Row]:
         """Return a row for each driver on a road, and what was chosen; append episodes."""
-        if self.episodes < 2:
-            raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
-        options = {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
+        options = self.measured()
         world = open_world(self.world)
         assert isinstance(world, RoadWorld)
         world = measuring(world, **options)
@@ -126,6 +140,34 @@ class EffectsOf(Printing):
                 rows.append(row | summary(effects))
                 episodes += [row | line for line in by_episode(effects, seeds)]
                 say(f"{name} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
+        return rows, {"episodes": self.episodes, "seed": self.seed, **options}
+
+    def measured(self) -> dict[str, Any]:
+        """Return the options of the measure."""
+        if self.episodes < 2:
+            raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
+        return {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
+
+    def in_sumo(self, episodes: list[Row]) -> tuple[list[Row], Row]:
+        """Return a row for each driver in SUMO, with delays by class; append episodes."""
+        options, rows = self.measured(), list[Row]()
+        seeds, layout = np.arange(self.seed, self.seed + self.episodes), make("intersection")
+        for name, angle in self.drivers():
+            with driver_of(name, layout, angle, self.allow_code) as loaded:
+                clock = loaded.record.interface.n_features > layout.n_features
+                env = make_environment(self.world, {"clock": clock, **options})
+                sums = sums_in(env, loaded.policy, seeds)
+            row: Row = {"policy": name, "angle": "" if angle is None else angle}
+            for number in range(self.episodes):
+                values = {column: sums[column][number].item() for column in sums}
+                episodes.append(row | {"seed": int(seeds[number])} | values)
+            row |= {"episodes": self.episodes}
+            endings = sums.pop("ending")
+            for column, values in sums.items():
+                row |= normal_mean(column, values)
+            row |= shares_of(endings)
+            rows.append(row)
+            say(f"{name} {row['angle']}: delay {row['delay']:.1f} m")
         return rows, {"episodes": self.episodes, "seed": self.seed, **options}
 
     def exact(self) -> tuple[list[Row], Row]:

@@ -24,10 +24,23 @@ from socialiq.policies.interface import Record
 from socialiq.policies.load import load_policy
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
-from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS, IDS, SCENE_IDS, environment, registry
+from socialiq.worlds import (
+    CONTINUOUS,
+    CONTINUOUS_IDS,
+    IDS,
+    SCENE_IDS,
+    SUMO_IDS,
+    SUMO_NET,
+    environment,
+    registry,
+)
 
-TIMED = (*SCENE_IDS, *SCENE_IDS.values(), IDS["intersection"], *CONTINUOUS_IDS.values())
-"""Roads of highway-env, whose environments show the time where a policy takes it."""
+TIMED = (
+    *(SCENE_IDS | SUMO_IDS),
+    *(SCENE_IDS | SUMO_IDS | CONTINUOUS_IDS).values(),
+    IDS["intersection"],
+)
+"""Roads of highway-env and worlds in SUMO, which show the time where a policy takes it."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +68,8 @@ class Evaluate(Printing):
     """Policy files, of `socialiq train`."""
     world: str = "crossing7"
     """crossing5, crossing7, crosswalk7, intersection, intersection-continuous,
-    intersection-continuous-steering (with -offroad: leaving the road ends an episode), or an
-    environment."""
+    intersection-continuous-steering (with -offroad: leaving the road ends an episode), sumo,
+    sumo-row, a network of SUMO (.net.xml), or an environment."""
     data: Path | None = None
     """Demonstrations file with both rewards, in the place of a world."""
     angle: float | None = None
@@ -252,7 +265,8 @@ def _play_in_environment(
     """Play the episodes of successive seeds; return them with the policy's record."""
     env = environment.make_environment(world, allow_code=allow_code, continuous=True)
     size, width = environment.sizes(env), environment.action_size(env)
-    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": world in TIMED}
+    timed = world in TIMED or world.endswith(SUMO_NET)
+    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": timed}
     with load_policy(policy, *size, action_size=width, **settings) as loaded:
         if loaded.record.interface.n_features > size[0]:
             env = environment.make_environment(world, {"clock": True}, continuous=True)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
+import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
@@ -156,6 +157,29 @@ def caused(
         blocks.append(np.stack([column["delay"].sum(axis=1), column["braking"], close]))
     columns = np.concatenate(blocks, axis=1)[:, : len(seeds)]
     return dict(zip(QUANTITIES, columns, strict=True))
+
+
+def sums_in(
+    env: gymnasium.Env[Any, Any], policy: Policy, seeds: Sequence[int] | np.ndarray
+) -> dict[str, Float[np.ndarray, " episode"]]:
+    """Drive one greedy episode of an environment for each seed; return rewards and signals, summed.
+
+    The environment's `info` has the signals of effects, as a world in SUMO (`worlds.sumo`). The
+    column `ending` has values of `Ending`.
+    """
+    rows = list[Row]()
+    for seed in seeds:
+        observation, _ = env.reset(seed=int(seed))
+        ended, totals, info = False, dict[str, float](), dict[str, Any]()
+        while not ended:
+            action, _ = policy.predict(observation, deterministic=True)
+            observation, _, terminated, truncated, info = env.step(int(action))
+            own, social = info["reward_pair"].tolist()
+            for name, value in ({"r_env": own, "r_caused": social} | info["signals"]).items():
+                totals[name] = totals.get(name, 0.0) + value
+            ended = terminated or truncated
+        rows.append(totals | {"ending": Ending[info["ending"].upper()].value})
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _reset(batch: RoadBatch, seeds: np.ndarray, begun: Begun | None) -> None:
@@ -336,25 +360,30 @@ def expected_delay(table: Table, chances: Float[np.ndarray, "*time state action"
     return evaluate_exactly(replace(table, mdp=mdp), chances).r_env
 
 
+def _share(name: str, happened: Bool[np.ndarray, " episode"]) -> Row:
+    value, low, high = wilson(int(happened.sum()), len(happened))
+    return {name: value, f"{name}_low": low, f"{name}_high": high}
+
+
+def shares_of(endings: Int64[np.ndarray, " episode"]) -> Row:
+    """Return the shares of arrivals and collisions with 95 % intervals."""
+    kinds = ("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)
+    rows = [_share(name, endings == int(ending)) for name, ending in kinds]
+    return rows[0] | rows[1]
+
+
 def summary(effects: Effects) -> Row:
     """Return means with 95 % intervals: metres, brakings, shares, and the errors of Eq 4.2."""
-    count = len(effects.ending)
-
-    def share(name: str, happened: np.ndarray) -> Row:
-        value, low, high = wilson(int(happened.sum()), count)
-        return {name: value, f"{name}_low": low, f"{name}_high": high}
-
-    row: Row = {"episodes": count}
+    row: Row = {"episodes": len(effects.ending)}
     row |= normal_mean("r_env", effects.totals.env) | normal_mean("r_caused", effects.totals.social)
     row |= normal_mean("r_eq_4_2", effects.eq_4_2) | normal_mean("delay", effects.delay.sum(axis=1))
     for number, name in enumerate(RELATIONS):
         row |= normal_mean(f"delay_{name}", effects.delay[:, number])
     row |= normal_mean("braking", effects.braking)
-    row |= share("gap_below_1_s", effects.gap < CLOSE) | share("gap_below_2_s", effects.gap < 2.0)
+    row |= _share("gap_below_1_s", effects.gap < CLOSE)
+    row |= _share("gap_below_2_s", effects.gap < 2.0)
     row |= normal_mean("helped", effects.helped) | normal_mean("harmed", effects.harmed)
-    for name, ending in (("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)):
-        row |= share(name, effects.ending == int(ending))
-    row |= share("at_fault", effects.at_fault)
+    row |= shares_of(effects.ending) | _share("at_fault", effects.at_fault)
     sums = {name: int(getattr(effects, name).sum()) for name in _COUNTS}
 
     def ratio(part: str, of: str) -> Row:

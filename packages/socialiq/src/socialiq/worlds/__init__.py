@@ -44,6 +44,12 @@ def scene_named(name: str) -> str | None:
     return next((scene for scene, identity in SCENE_IDS.items() if name in (scene, identity)), None)
 
 
+SUMO_IDS = {"sumo": "socialiq/Sumo-v1", "sumo-row": "socialiq/SumoRow-v1"}
+"""Worlds in SUMO, by name: a crossing, and a row of three junctions."""
+
+SUMO_NET = ".net.xml"
+"""Ending of the file of a network of SUMO, which names a world too."""
+
 RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
 """Environment of a file of `socialiq data world`, which is named with `file`."""
 
@@ -52,6 +58,7 @@ WORLD_FILE = "recorded-world"
 
 _GRID = "socialiq.worlds.gym:GridWorldEnv"
 _ROAD, _ROADS = "socialiq.worlds.gym:RoadEnv", "socialiq.worlds.gym:RoadVectorEnv"
+_SUMO = "socialiq.worlds.sumo.gym:SumoEnv"
 _RECORDED = "socialiq_recordings.world.gym:RecordedJunctionEnv"
 
 
@@ -66,5 +73,9 @@ def register() -> None:
     for world in ("crossing5", "crossing7", "crosswalk7"):
         if IDS[world] not in gymnasium.registry:
             gymnasium.register(IDS[world], _GRID, kwargs={"world": world})
+    row = {"net": "row", "start": "WC0", "end": "C2N2", "duration": 60.0}
+    for world, options in (("sumo", {}), ("sumo-row", row)):
+        if SUMO_IDS[world] not in gymnasium.registry:
+            gymnasium.register(SUMO_IDS[world], _SUMO, kwargs=options)
     if RECORDED_JUNCTION not in gymnasium.registry:
         gymnasium.register(RECORDED_JUNCTION, _RECORDED)

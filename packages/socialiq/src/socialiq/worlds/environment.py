@@ -14,18 +14,31 @@ from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.storage import kind_of
 from socialiq.types import ACTION_BOUNDS
-from socialiq.worlds import NAMED, RECORDED_JUNCTION, SCENE_IDS, WORLD_FILE, register, wrapper
+from socialiq.worlds import (
+    NAMED,
+    RECORDED_JUNCTION,
+    SCENE_IDS,
+    SUMO_IDS,
+    SUMO_NET,
+    WORLD_FILE,
+    register,
+    wrapper,
+)
 
 _ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
 NAME_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
 """A Gymnasium id, MODULE:ID or MODULE:FUNCTION; MODULE may be the path of a file."""
 
-_BUILT_IN = NAMED | SCENE_IDS
+_BUILT_IN = NAMED | SCENE_IDS | SUMO_IDS
 
 
 def is_environment(name: str) -> bool:
-    """Whether a name denotes a scene of highway-env, or an environment that is not built in."""
-    return name in SCENE_IDS or re.fullmatch(NAME_PATTERN, name) is not None
+    """Whether a name denotes a scene, a world in SUMO, or an environment that is not built in."""
+    return (
+        name in SCENE_IDS | SUMO_IDS
+        or name.endswith(SUMO_NET)
+        or re.fullmatch(NAME_PATTERN, name) is not None
+    )
 
 
 def make_environment(
@@ -42,10 +55,10 @@ def make_environment(
     its own action space scale.
 
     Args:
-        name: A built-in world; a file of `socialiq data world`; a Gymnasium id; MODULE:ID, an id
-            that the module registers; or MODULE:FUNCTION, a function (or class) of the module that
-            returns an environment. MODULE is a name that Python can import, or the path of a file
-            that ends in .py.
+        name: A built-in world; a file of `socialiq data world`; a network of SUMO; a Gymnasium id;
+            MODULE:ID, an id that the module registers; or MODULE:FUNCTION, a function (or class) of
+            the module that returns an environment. MODULE is a name that Python can import, or the
+            path of a file that ends in .py.
         options: Keyword arguments of the environment or of the function.
         allow_code: Whether a module may be imported. Importing runs its author's code with the
             rights of the user.
@@ -126,6 +139,9 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
     if kind_of(Path(name)) == WORLD_FILE:
         register()
         return gymnasium.make(RECORDED_JUNCTION, file=name, **options)
+    if name.endswith(SUMO_NET):
+        register()
+        return gymnasium.make(SUMO_IDS["sumo"], net=name, **options)
     module, _, attribute = name.rpartition(":")
     if module and not allow_code:
         raise UserError(

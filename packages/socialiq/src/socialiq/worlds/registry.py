@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.storage import kind_of
-from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7, crosswalk7
+from socialiq.worlds import CONTINUOUS, SUMO_NET, WORLD_FILE, crossing5, crossing7, crosswalk7
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.scenes import SCENES
@@ -81,7 +81,8 @@ _NO_WORLD = (
 
 def refuse_file(name: str) -> None:
     """Refuse a name of a file that holds no world."""
-    if name.lower().endswith(_FILES) and not is_world_file(name):
+    is_file = name.lower().endswith(_FILES) and not name.endswith(SUMO_NET)
+    if is_file and not is_world_file(name):
         raise UserError(_NO_WORLD)
 
 

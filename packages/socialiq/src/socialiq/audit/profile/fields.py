@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from socialiq.worlds import SCENE_IDS
+from socialiq.worlds import SCENE_IDS, SUMO_IDS
 from socialiq.worlds.environment import NAME_PATTERN
 from socialiq.worlds.registry import NAMES
 
@@ -56,9 +56,8 @@ _HIDDEN = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\uf
 TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
 
-WORLD_PATTERN = (
-    f"^(?:{'|'.join([*NAMES, *SCENE_IDS])}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
-)
+_WORLDS = [*NAMES, *SCENE_IDS, *SUMO_IDS]
+WORLD_PATTERN = f"^(?:{'|'.join(_WORLDS)}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class Field:
         return {
             "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
             "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
-            "world": f"one of {', '.join([*NAMES, *SCENE_IDS])}, a file of `socialiq data world`, "
+            "world": f"one of {', '.join(_WORLDS)}, a file of `socialiq data world`, "
             "a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",

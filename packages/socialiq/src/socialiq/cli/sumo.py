@@ -1,0 +1,82 @@
+"""`world sumo`: a network of SUMO checked and described."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.cli.output import Printing, listed, print_json, print_table
+from socialiq.worlds.sumo.network import CLASSES, read_network
+from socialiq.worlds.sumo.simulation import Episode, class_of
+from socialiq.worlds.sumo.traffic import Scene, SumoOptions
+
+_MOST_WAYS = 50
+
+
+@dataclass(frozen=True)
+class WorldSumo(Printing):
+    """Check and describe a network of SUMO, and play an episode in it.
+
+    It prints the junctions with their approaches and crossings, the ways that an ego can drive, how
+    many road users of each class entered in the episode, and what of the network is not used.
+
+    Example: socialiq world sumo city.net.xml
+    """
+
+    net: Annotated[str, tyro.conf.Positional]
+    """crossing or row, which ship, or a file that ends in .net.xml, as netconvert writes it."""
+    start: str = ""
+    """Edge on which the ego enters; by default that of the way that turns left most."""
+    end: str = ""
+    """Edge on which the ego leaves."""
+    seed: int = 0
+    """Seed of the episode."""
+
+    def run(self) -> int:
+        """Check and print."""
+        network = read_network(self.net)
+        scene = Scene(SumoOptions(net=self.net, start=self.start, end=self.end))
+        played = Episode(scene, self.seed).without
+        entered = {kind: sum(class_of(name) == kind for name in played) for kind in CLASSES}
+        junctions = [
+            {
+                "junction": name,
+                "kind": kind,
+                "approaches": sum(edge.end == name for edge in network.edges.values()),
+                "crossings": network.crossings.get(name, 0),
+            }
+            for name, (kind, _) in network.junctions.items()
+        ]
+        ways = [
+            {"start": begin, "end": end, "edges": len(way)}
+            for (begin, end), way in network.routes().items()
+        ]
+        notes = self.unused(scene)
+        if self.json:
+            result: dict[str, Any] = {"junctions": junctions, "ways": ways, "ego": scene.way}
+            print_json(result | {"entered": entered, "not_used": notes})
+            return 0
+        print_table(junctions)
+        print_table(ways[:_MOST_WAYS], f"ways of an ego ({len(ways)}), here {' '.join(scene.way)}")
+        print_table(listed(entered, "entered in 45 s"))
+        if notes:
+            print_table([{"not used": note} for note in notes])
+        return 0
+
+    def unused(self, scene: Scene) -> list[str]:
+        """Return what the world leaves out of the network, and why."""
+        network = scene.network
+        walks = [name for name, edge in network.edges.items() if "pedestrian" in edge.classes]
+        notes = {
+            "pedestrians: there is no sidewalk (netconvert --sidewalks.guess)": not walks,
+            "pedestrians: there is no crossing (netconvert --crossings.guess)": not (
+                any(network.crossings.values())
+            ),
+            "bicycles: no way of theirs leads through": not scene.pairs["bicycle"],
+            "traffic lights: others obey them, policies don't observe them": any(
+                kind.startswith("traffic_light") for kind, _ in network.junctions.values()
+            ),
+        }
+        cars = [name for name, edge in network.edges.items() if "vehicle" not in edge.classes]
+        closed = f"edges without a lane for cars: {', '.join(cars[:5])}"
+        return [note for note, holds in (notes | {closed: bool(cars)}).items() if holds]

@@ -1,0 +1,131 @@
+"""A world in SUMO as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from socialiq.errors import UserError
+from socialiq.social.angle import check_angle, score, weights
+from socialiq.types import TERMINAL, Ending, RewardPair
+from socialiq.worlds.highway.core.rewards import env_signals
+from socialiq.worlds.highway.effects import SIGNALS, record_of
+from socialiq.worlds.highway.options import ENV_SIGNALS, FEATURES
+from socialiq.worlds.intersection.options import ACTIONS, settings_of
+from socialiq.worlds.registry import parse_options
+from socialiq.worlds.sumo.network import CLASSES
+from socialiq.worlds.sumo.simulation import Episode, Result
+from socialiq.worlds.sumo.traffic import Scene, SumoOptions
+
+
+class State(NamedTuple):
+    """Complete state of an episode: it is played again from the start."""
+
+    seed: int
+    actions: tuple[int, ...]
+
+
+class SumoEnv(gymnasium.Env):
+    """Junctions simulated by SUMO with the Gymnasium interface of the intersection.
+
+    An ego drives its way through traffic of vehicles, bicycles and pedestrians. Actions and
+    observation are those of `socialiq/Intersection-v1`; pedestrians are not observed. r_env is that
+    of the intersection, r_social what the ego causes (`worlds.highway.effects`), by class. The
+    scalar reward is R(α) (Eq 4.3).
+
+    `info` has `reward_pair`, `signals` (also of each class, unweighted), `ending`, `speed`, m/s,
+    and `contact`.
+
+    Args:
+        net: Network that ships (crossing, row), or a file of netconvert.
+        angle: Social angle α in degrees of the scalar reward.
+        clock: Whether observations end with the time, in decisions since the reset.
+        options: Fields of `SumoOptions`.
+
+    Raises:
+        UserError: If libsumo is missing, or an option or the network can't be used.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  as in Gymnasium
+
+    def __init__(
+        self, net: str = "crossing", angle: float = 0.0, clock: bool = False, **options: Any
+    ) -> None:
+        self.options = parse_options("sumo", SumoOptions, {"net": net, **options})
+        self.scene = Scene(self.options)
+        self._weights, self._clock = weights(check_angle(angle)), clock
+        self._effects = record_of(self.options, self.options.road)["weights"][0]
+        self._settings = settings_of(self.options.road).view(np.recarray)[0]
+        size = self.options.road.observed_vehicles * len(FEATURES)
+        low, high = (np.full(size + clock, end, np.float32) for end in (-1.0, 1.0))
+        if clock:
+            low[-1], high[-1] = 0.0, self.options.road.decisions
+        self.observation_space = spaces.Box(low, high, dtype=np.float32)
+        self.action_space = spaces.Discrete(len(ACTIONS))
+        self.episode: Episode | None = None
+        self.ending = Ending.NONE
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Start the episode of a seed, or of the next one that the environment draws."""
+        super().reset(seed=seed, options=options)
+        chosen = int(self.np_random.integers(2**31)) if seed is None else seed
+        self.episode, self.ending = Episode(self.scene, chosen), Ending.NONE
+        return self._observation(), {}
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take one decision. A timeout truncates; every other ending terminates."""
+        if self.episode is None or self.ending != Ending.NONE:
+            raise UserError("an episode has not begun, or has ended: reset it first")
+        result = self.episode.step(int(action))
+        self.ending, (pair, signals) = result.ending, self._pair(result)
+        info = {
+            "reward_pair": np.array(pair),
+            "signals": signals,
+            "ending": result.ending.name.lower(),
+            "speed": result.speed,
+            "contact": result.contact.name.lower(),
+        }
+        terminated, truncated = result.ending in TERMINAL, result.ending == Ending.TIMEOUT
+        return self._observation(), float(score(self._weights, pair)), terminated, truncated, info
+
+    def _pair(self, result: Result) -> tuple[RewardPair, dict[str, float]]:
+        """Return the rewards of a decision (Eq 4.1, and of effects), and every signal."""
+        own = np.zeros(len(ENV_SIGNALS))
+        env_signals(result.advance, True, result.speed, int(result.ending), self._settings, own)
+        r_env = sum(w * s for w, s in zip(self._settings.weights, own, strict=False))
+        by_class = np.array(self.options.by_class)
+        delay, braking = (by_class @ result.caused).tolist()
+        caused = delay, braking, float((by_class * result.encounter).max())
+        ends = *caused, float(result.ending == Ending.COLLISION)
+        r_social = sum(w * s for w, s in zip(self._effects, ends, strict=True))
+        signals: dict[str, float] = dict(
+            zip((*ENV_SIGNALS, *SIGNALS), (*own.tolist(), *caused), strict=True)
+        )
+        for number, kind in enumerate(CLASSES):
+            columns = (*result.caused[number], result.encounter[number])
+            signals[f"collision_{kind}"] = float(result.partner == kind)
+            signals |= {
+                f"{name}_{kind}": float(v) for name, v in zip(SIGNALS, columns, strict=True)
+            }
+        return RewardPair(float(r_env), float(r_social)), signals
+
+    def _observation(self) -> np.ndarray:
+        assert self.episode is not None
+        time = np.array([len(self.episode.actions)] if self._clock else [], np.float32)
+        return np.append(self.episode.observation, time)
+
+    def save(self) -> State:
+        """Return the state of the episode."""
+        if self.episode is None:
+            raise UserError("no episode has begun: reset the environment first")
+        return State(self.episode.seed, tuple(self.episode.actions))
+
+    def restore(self, state: State) -> np.ndarray:
+        """Play an episode to a saved state, and return the observation; it goes on bit for bit."""
+        observation, _ = self.reset(seed=state.seed)
+        for action in state.actions:
+            observation = self.step(action)[0]
+        return observation

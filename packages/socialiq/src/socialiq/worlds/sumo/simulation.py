@@ -1,0 +1,332 @@
+"""One episode in SUMO, driven decision by decision beside the same episode without the ego.
+
+libsumo holds one simulation in a process. An episode is its seed and the actions taken, so one that
+finds another in its place is played again from the start, with the same bits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from socialiq.errors import UserError
+from socialiq.foreign import one_line, optional
+from socialiq.types import Ending
+from socialiq.worlds.highway.core.effects import HARD, encounter
+from socialiq.worlds.highway.core.rewards import observe
+from socialiq.worlds.highway.core.vehicle import SPEED_GAIN
+from socialiq.worlds.highway.options import FEATURES, Contact
+from socialiq.worlds.intersection.options import FASTER, IDLE, SIGHT
+from socialiq.worlds.sumo.network import CLASSES
+from socialiq.worlds.sumo.traffic import EGO, Scene
+
+STEPS = 10  # of SUMO in a decision of 1 s
+SETTINGS = (
+    "--step-length", "0.1", "--no-step-log", "--no-warnings", "--seed", "1",
+    "--collision.action", "warn", "--collision.check-junctions", "--collision.mingap-factor", "0",
+    "--time-to-teleport", "-1", "--pedestrian.striping.dawdling", "0", "--ignore-route-errors",
+)  # fmt: skip
+"""Settings of SUMO: nothing random, nothing teleported, contacts reported."""
+
+_CLEARED, _ARRIVED_AT = 20.0, 25.0  # m around the ego's entry, and along its last edge
+_OWN_SPEED, _SUMOS_SPEED = 0, 31  # speed modes: all checks of SUMO off, and all on
+_holder: list[Any] = []  # the episode that the process' simulation is at
+
+
+class Body(NamedTuple):
+    """Road user as the kernels read it: centre m, heading rad clockwise from east, speed m/s."""
+
+    x: float
+    y: float
+    heading: float
+    speed: float
+    along_x: float
+    along_y: float
+    name: str
+
+
+class Moved(NamedTuple):
+    """Motion of others in a decision, by name."""
+
+    metres: dict[str, float]
+    hardest: dict[str, float]  # least acceleration, m/s²
+    arrived: set[str]
+
+    def by_class(self) -> Float[np.ndarray, "class 2"]:
+        """Return metres and hard brakings of each class; pedestrians don't brake."""
+        sums, numbers = np.zeros((len(CLASSES), 2)), {kind: n for n, kind in enumerate(CLASSES)}
+        for name, metres in self.metres.items():
+            kind = numbers[class_of(name)]
+            sums[kind] += metres, kind != numbers["pedestrian"] and self.hardest[name] < HARD
+        return sums
+
+
+class Result(NamedTuple):
+    """Outcome of a decision."""
+
+    ending: Ending
+    contact: Contact
+    partner: str  # class of who collided with the ego, or ""
+    advance: float  # m along the ego's way
+    speed: float  # m/s
+    caused: Float[np.ndarray, "class 2"]  # metres lost, and hard brakings; all later ones at an end
+    encounter: Float[np.ndarray, " class"]  # closest of each class, 0 to 1
+
+
+def class_of(name: str) -> str:
+    """Return the class of a road user, with which its name begins."""
+    return name.rstrip("0123456789.")
+
+
+def library() -> Any:
+    """Return libsumo, which the extra `sumo` installs."""
+    # It prints advice about pyarrow on standard output, which belongs to --json.
+    with contextlib.redirect_stdout(io.StringIO()):
+        return optional("libsumo", "sumo", "worlds in SUMO")
+
+
+class Episode:
+    """Episode in SUMO.
+
+    Attributes:
+        without: What others drive without the ego to the common end, m by name.
+        driven: What they drive with it, so far.
+
+    Raises:
+        UserError: If libsumo is missing, or SUMO refuses the network.
+    """
+
+    def __init__(self, scene: Scene, seed: int) -> None:
+        self.scene, self.seed, self.sumo = scene, seed, library()
+        options = scene.options
+        self.horizon = options.decisions(options.road)
+        self.actions = list[int]()
+        self._begin(with_ego=False)
+        seconds = [self._second()[0] for _ in range(self.horizon)]
+        self.alone = [second.by_class() for second in seconds]
+        self.without = _sums(seconds)
+        self.left = set().union(*(second.arrived for second in seconds))
+        self._begin(with_ego=True)
+
+    def _begin(self, with_ego: bool) -> None:
+        """Play the traffic until the ego is there, or would be; its place is cleared."""
+        options, sumo = self.scene.options, self.sumo
+        _holder[:] = [self]
+        with tempfile.TemporaryDirectory() as folder:
+            routes = Path(folder) / "routes.rou.xml"
+            routes.write_text(self.scene.demand(self.seed, with_ego))
+            settings = ["-n", str(self.scene.network.file), "-r", str(routes), *SETTINGS]
+            try:
+                if sumo.isLoaded():
+                    sumo.load(settings)
+                else:
+                    sumo.start(["sumo", *settings])
+                for _ in range(round(options.warm_up * STEPS)):
+                    sumo.simulationStep()
+            except Exception as error:
+                raise UserError(
+                    f"SUMO refuses {self.scene.network.file}: {one_line(str(error))}"
+                ) from error
+        edge = self.scene.way[0]
+        for name in sumo.edge.getLastStepVehicleIDs(edge):
+            ahead = sumo.vehicle.getLanePosition(name) - self.scene.front(self.seed)
+            if abs(ahead) < _CLEARED and name != EGO:
+                sumo.vehicle.remove(name)
+        self._speeds, self._wrecks = dict[str, float](), dict[str, float]()
+        self.driven, self._target, self._advance = dict[str, float](), 0.0, 0.0
+        self._partner = ""
+        self._step(Moved({}, {}, set()))
+        if with_ego:
+            if EGO not in self._speeds:
+                raise UserError(f"SUMO lets no ego in on {edge}: choose another start")
+            sumo.vehicle.setSpeedMode(EGO, _OWN_SPEED)
+            self._target = self.scene.options.road.max_speed
+            self.bodies = self._bodies()
+
+    def step(self, action: int) -> Result:
+        """Take a decision: 0 slower, 1 idle, 2 faster."""
+        if not self.holds:
+            taken, self.actions = self.actions, []
+            self._begin(with_ego=True)
+            for earlier in taken:
+                self.step(earlier)
+        if action != IDLE:
+            self._target = self._next_speed(1 if action == FASTER else -1)
+        moved, closest, contact = self._second(driving=True)
+        self.actions.append(action)
+        now, before = len(self.actions), self._advance
+        self._advance = self._distance()
+        ending = self._ending(contact)
+        self.bodies = self._bodies()
+        speed = self.bodies[0].speed
+        caused = self._caused(now - 1, moved)
+        if ending != Ending.NONE:
+            self._leave(ending)
+            for later in range(now, self.horizon):
+                caused = caused + self._caused(later, self._second()[0])
+                self._tow(later)
+        advance = self._advance - before
+        return Result(ending, contact, self._partner, advance, speed, caused, closest)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the process' simulation is at this episode."""
+        return bool(_holder) and _holder[0] is self
+
+    def _next_speed(self, change: int) -> float:
+        """Return the target speed so many steps from the one nearest to the present speed."""
+        speeds = self.scene.options.road.target_speeds
+        nearest = round((self.bodies[0].speed - speeds[0]) / (speeds[1] - speeds[0]))
+        return speeds[min(max(min(nearest, len(speeds) - 1) + change, 0), len(speeds) - 1)]
+
+    def _second(self, driving: bool = False) -> tuple[Moved, np.ndarray, Contact]:
+        """Play a second; return what others did, the closest encounters, and the ego's contact."""
+        moved, closest = Moved({}, {}, set()), np.zeros(len(CLASSES))
+        contact, numbers = Contact.NONE, {kind: n for n, kind in enumerate(CLASSES)}
+        for _ in range(STEPS):
+            if driving and contact == Contact.NONE and EGO in self._speeds:
+                speed = self.sumo.vehicle.getSpeed(EGO)
+                change = SPEED_GAIN * (self._target - speed) / STEPS
+                self.sumo.vehicle.setSpeed(EGO, max(speed + change, 0.0))
+            self._step(moved)
+            if not driving or EGO not in self._speeds:
+                continue
+            contact = self._touched() if contact == Contact.NONE else contact
+            ego, *bodies = self._bodies()
+            for body in bodies:
+                kind = numbers[class_of(body.name)]
+                closest[kind] = max(closest[kind], encounter(ego, body))
+        return moved, closest, contact
+
+    def _step(self, moved: Moved) -> None:
+        """Play a step of SUMO and add what others did in it."""
+        sumo, before = self.sumo, self._speeds
+        sumo.simulationStep()
+        self._speeds = {name: sumo.vehicle.getSpeed(name) for name in sumo.vehicle.getIDList()}
+        self._speeds |= {name: sumo.person.getSpeed(name) for name in sumo.person.getIDList()}
+        for name, speed in self._speeds.items():
+            if name != EGO:
+                moved.metres[name] = moved.metres.get(name, 0.0) + speed / STEPS
+                rate = (speed - before.get(name, speed)) * STEPS
+                hardest = moved.hardest.get(name, 0.0)
+                moved.hardest[name] = hardest if name in self._wrecks else min(hardest, rate)
+        moved.arrived.update(before.keys() - self._speeds.keys() - self._wrecks.keys())
+
+    def _caused(self, number: int, moved: Moved) -> Float[np.ndarray, "class 2"]:
+        """Return metres lost and hard brakings of a decision, and note what others drove."""
+        for name in moved.arrived & self.left:  # who leaves in both worlds drove as far
+            driven = self.driven.get(name, 0.0)
+            moved.metres[name] = self.without[name] - driven
+            moved.hardest.setdefault(name, 0.0)
+        for name, metres in moved.metres.items():
+            self.driven[name] = self.driven.get(name, 0.0) + metres
+        alone, together = self.alone[number], moved.by_class()
+        return np.stack([alone[:, 0] - together[:, 0], together[:, 1] - alone[:, 1]], axis=1)
+
+    def _touched(self) -> Contact:
+        """Return the ego's contact in the last step; both stop where they are, as wrecks."""
+        for collision in self.sumo.simulation.getCollisions():
+            names = {collision.collider, collision.victim}
+            if EGO in names:
+                for name in names & set(self.sumo.vehicle.getIDList()):
+                    self.sumo.vehicle.setSpeedMode(name, _OWN_SPEED)
+                    self.sumo.vehicle.setSpeed(name, 0.0)
+                    self._wrecks[name] = len(self.actions) + self.scene.options.tow_after
+                self._partner = "".join(map(class_of, names - {EGO}))
+                struck = collision.collider == EGO
+                return Contact.EGO_STRUCK if struck else Contact.EGO_WAS_STRUCK
+        return Contact.NONE
+
+    def _distance(self) -> float:
+        if EGO not in self._speeds:
+            return self._advance
+        return self.sumo.vehicle.getDistance(EGO)
+
+    def _ending(self, contact: Contact) -> Ending:
+        if contact != Contact.NONE:
+            return Ending.COLLISION
+        way, last = self.scene.way, self.scene.network.edges[self.scene.way[-1]]
+        if EGO not in self._speeds:
+            return Ending.ARRIVAL
+        on_last = self.sumo.vehicle.getRoadID(EGO) == way[-1]
+        goal = min(_ARRIVED_AT, last.length / 2)
+        if on_last and self.sumo.vehicle.getLanePosition(EGO) - 2.5 >= goal:
+            return Ending.ARRIVAL
+        out = len(self.actions) >= self.scene.options.road.decisions
+        return Ending.TIMEOUT if out else Ending.NONE
+
+    def _leave(self, ending: Ending) -> None:
+        """Take the ego out of the traffic, or leave it there as a wreck or as a driver of SUMO."""
+        if EGO not in self._speeds or ending == Ending.COLLISION:
+            return
+        if ending == Ending.TIMEOUT and self.scene.options.after_timeout == "traffic":
+            self.sumo.vehicle.setSpeedMode(EGO, _SUMOS_SPEED)
+            self.sumo.vehicle.setSpeed(EGO, -1.0)
+        else:
+            self.sumo.vehicle.remove(EGO)
+
+    def _tow(self, now: int) -> None:
+        for name, due in self._wrecks.items():
+            if self.scene.options.tow_after and now >= due and name in self._speeds:
+                self.sumo.vehicle.remove(name)
+
+    def _frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the middle of the junction that the ego is in or comes to, and its approach."""
+        network, way = self.scene.network, self.scene.way
+        index = min(self.sumo.vehicle.getRouteIndex(EGO), len(way) - 2)
+        edge = network.edges[way[max(index, 0)]]
+        begin, end = edge.tail
+        centre = network.junctions[edge.end][1] if edge.end in network.junctions else end
+        return centre, (end - begin) / np.hypot(*(end - begin))
+
+    def _bodies(self) -> list[Body]:
+        """Return the ego, then vehicles and bicycles, then pedestrians, as the ego sees the road.
+
+        The junction's middle is the origin, and the ego's approach comes from the south.
+        """
+        if EGO not in self._speeds:
+            return self.bodies
+        centre, north = self._frame()
+        (cx, cy), (nx, ny) = centre.tolist(), north.tolist()
+
+        def body(domain: Any, name: str, behind: float) -> Body:
+            angle = math.radians(domain.getAngle(name))  # clockwise from SUMO's north
+            hx, hy = math.sin(angle), math.cos(angle)
+            x, y = domain.getPosition(name)
+            x, y = x - cx - behind * hx, y - cy - behind * hy
+            along = hx * ny - hy * nx, -(hx * nx + hy * ny)
+            heading, speed = math.atan2(along[1], along[0]), self._speeds[name]
+            return Body(x * ny - y * nx, -(x * nx + y * ny), heading, speed, *along, name)
+
+        vehicles = [name for name in self.sumo.vehicle.getIDList() if name != EGO]
+        lengths = {"vehicle": 2.5, "bicycle": 0.8, EGO: 2.5}
+        cars = [body(self.sumo.vehicle, n, lengths[class_of(n)]) for n in (EGO, *vehicles)]
+        return cars + [body(self.sumo.person, n, 0.0) for n in self.sumo.person.getIDList()]
+
+    @property
+    def observation(self) -> Float32[np.ndarray, " feature"]:
+        """Rows of the ego and of vehicles and bicycles near it, as at the intersection."""
+        rows = np.zeros((self.scene.options.road.observed_vehicles, len(FEATURES)), np.float32)
+        seen = [body for body in self.bodies if class_of(body.name) != "pedestrian"]
+        me = seen[0]
+        along = [body.x * me.along_x + body.y * me.along_y for body in seen]
+        view = along, 0.0, SIGHT.view(np.recarray)[0], 0
+        observe(seen, len(seen), 0, view, rows)
+        return rows.ravel()
+
+
+def _sums(seconds: Sequence[Moved]) -> dict[str, float]:
+    """Return the metres of all seconds by name."""
+    totals = dict[str, float]()
+    for second in seconds:
+        for name, metres in second.metres.items():
+            totals[name] = totals.get(name, 0.0) + metres
+    return totals

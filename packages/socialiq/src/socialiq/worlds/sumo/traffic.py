@@ -1,0 +1,168 @@
+"""Options of a world in SUMO, and the departures of an episode, all drawn by its seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from socialiq.errors import UserError, one_of
+from socialiq.worlds.highway.effects import EffectOptions
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.sumo.network import CLASSES, read_network
+
+Following = Literal["Krauss", "IDM"]
+MOST_RATE = 10.0  # departures per second of a class, one a sub-step
+
+
+@dataclass(frozen=True)
+class SumoOptions(EffectOptions):
+    """Options of a world in SUMO; those of effects are `EffectOptions`.
+
+    Raises:
+        UserError: If a value is not supported.
+    """
+
+    net: str = "crossing"  # of `NETS`, or the path of a network
+    # edge on which the ego enters; by default of the way that turns left most, and of these of the
+    # lowest priority, from the south
+    start: str = ""
+    end: str = ""  # edge on which it leaves
+    duration: float = 20.0  # s after which an episode times out
+    warm_up: float = 15.0  # s of traffic before the ego enters
+    vehicle_rate: float = 0.3  # departures per second, over all entries
+    bicycle_rate: float = 0.1
+    pedestrian_rate: float = 0.2
+    following: Following = "Krauss"  # SUMO's model of car-following
+    vehicle_weight: float = 1.0  # of a class in every effect on it
+    bicycle_weight: float = 1.0
+    pedestrian_weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("following", self.following, get_args(Following))
+        for name in (f"{kind}_rate" for kind in CLASSES):
+            if not 0 <= getattr(self, name) <= MOST_RATE:
+                raise UserError(f"{name} must lie between 0 and {MOST_RATE:g} per second")
+        if not 0 <= self.warm_up <= 3600:
+            raise UserError(f"warm_up must lie between 0 and 3600 s, got {self.warm_up}")
+        self.decisions(self.road)
+        if not all(np.isfinite(weight) for weight in self.by_class):
+            raise UserError("weights of classes must be finite numbers")
+
+    @property
+    def road(self) -> Options:
+        """Options of the ego and of r_env: those of the intersection."""
+        return Options(duration=self.duration)
+
+    @property
+    def by_class(self) -> tuple[float, ...]:
+        """Weight of each class."""
+        return tuple(getattr(self, f"{kind}_weight") for kind in CLASSES)
+
+
+EGO = "ego"
+_FROM_JUNCTION = 35.0  # m, mean of the ego's front, as at the intersection; sd 5 m
+_LENGTH, _SPEED = 5.0, 10.0  # m, m/s of the ego
+_NEAREST_DOOR, _DOORS = 5.0, 30.0  # m from a junction to where pedestrians come from, and beyond
+_FOLLOWING = {
+    "Krauss": "",
+    # The drivers of highway-env: T 1.5 s, 7 m between centres, 6 and 3 m/s², exponent 4.
+    "IDM": ' tau="1.5" minGap="2" accel="6" decel="3" delta="4"',
+}
+
+
+class Scene:
+    """Network, options, the ego's way, and the ways of all other road users.
+
+    Raises:
+        UserError: If there is no network, or no way between the edges that are named.
+    """
+
+    def __init__(self, options: SumoOptions) -> None:
+        self.options, self.network = options, read_network(options.net)
+        self.pairs = {kind: list(self.network.routes(kind)) for kind in CLASSES}
+        self.pairs["pedestrian"] = self.network.walks()
+        self.entries = set(self.network.ends("vehicle")[0])
+        ways = self.network.routes()
+        asked = options.start, options.end
+        chosen = {
+            ends: way
+            for ends, way in ways.items()
+            if all(name in ("", end) for name, end in zip(asked, ends, strict=True))
+        }
+        if not chosen:
+            examples = ", ".join(f"{begin} to {end}" for begin, end in list(ways)[:6])
+            raise UserError(
+                f"no way of a car from '{options.start}' to '{options.end}' in "
+                f"{self.network.file.name}: choose one of {examples}{', ...' * (len(ways) > 6)}"
+            )
+        self.way = max(chosen.values(), key=self._turn)
+
+    def _turn(self, way: list[str]) -> tuple[float, int, float]:
+        """Return the sine of the angle to the left of a way, how little it may claim, and north."""
+        (a, b), (c, d) = (self.network.edges[way[end]].tail for end in (0, -1))
+        first, last = (b - a) / np.hypot(*(b - a)), (d - c) / np.hypot(*(d - c))
+        sine = round(float(first[0] * last[1] - first[1] * last[0]), 6)
+        return sine, -self.network.edges[way[0]].priority, float(first[1])
+
+    def front(self, seed: int) -> float:
+        """Return where the ego's front enters its first edge, m."""
+        length = self.network.edges[self.way[0]].length
+        spread = float(np.random.default_rng([seed, len(CLASSES)]).normal(0.0, 5.0))
+        return round(min(max(length - _FROM_JUNCTION + spread, _LENGTH), length), 2)
+
+    def demand(self, seed: int, with_ego: bool) -> str:
+        """Return the traffic of an episode as SUMO's XML, with the ego or without.
+
+        Each class has a random stream of its own, and each second draws the same numbers, so the
+        rate of a class doesn't move another's departures. No type has a random part.
+        """
+        options, departures = self.options, list[tuple[float, str]]()
+        seconds = int(np.ceil(options.warm_up)) + options.decisions(options.road)
+        for number, (kind, pairs) in enumerate(self.pairs.items()):
+            stream, rate = np.random.default_rng([seed, number]), getattr(options, f"{kind}_rate")
+            for second in range(seconds if pairs else 0):
+                count, draws = stream.poisson(rate), stream.random((int(MOST_RATE), 4))
+                for place, (when, where, *rest) in enumerate(draws[:count]):
+                    at, ends = second + round(when, 1), pairs[int(where * len(pairs))]
+                    name = f"{kind}{second}.{place}"
+                    departures.append((at, self._departure(kind, name, at, ends, *rest)))
+        if with_ego:
+            place = f'departLane="best" departPos="{self.front(seed)}" departSpeed="{_SPEED:g}"'
+            line = f'<vehicle id="{EGO}" type="{EGO}" depart="{options.warm_up}" {place} '
+            route = quoteattr(" ".join(self.way))
+            line += f'insertionChecks="none"><route edges={route}/></vehicle>'
+            departures.append((options.warm_up, line))
+        lines = [line for _, line in sorted(departures)]
+        return "\n".join(["<routes>", *self._types(), *lines, "</routes>"])
+
+    def _types(self) -> list[str]:
+        fixed, following = 'sigma="0" speedDev="0"', self.options.following
+        car = f'vClass="passenger" length="{_LENGTH:g}" width="2" {fixed} '
+        car += f'carFollowModel="{following}"{_FOLLOWING[following]}'
+        return [
+            f'<vType id="vehicle" {car}/>',
+            f'<vType id="bicycle" vClass="bicycle" {fixed}/>',
+            '<vType id="pedestrian" vClass="pedestrian" speedDev="0"/>',
+            f'<vType id="{EGO}" {car}/>',
+        ]
+
+    def _departure(
+        self, kind: str, name: str, at: float, ends: tuple[str, str], pace: float, door: float
+    ) -> str:
+        way = f"from={quoteattr(ends[0])} to={quoteattr(ends[1])}"
+        who = f'id="{name}" type="{kind}" depart="{at:.1f}" speedFactor="{0.8 + 0.4 * pace:.4f}"'
+        if kind != "pedestrian":
+            return f'<trip {who} {way} departLane="best" departSpeed="max"/>'
+        begin = self._beside(ends[0], _NEAREST_DOOR + _DOORS * door)
+        end = self._beside(ends[1], _NEAREST_DOOR + _DOORS / 2)
+        return f'<person {who} departPos="{begin}"><walk {way} arrivalPos="{end}"/></person>'
+
+    def _beside(self, edge: str, away: float) -> float:
+        """Return the place on a sidewalk that is so far from the junction, m."""
+        length = self.network.edges[edge].length
+        away = min(away, length - 0.1)
+        return round(length - away if edge in self.entries else away, 2)

@@ -1,0 +1,110 @@
+"""Worlds in SUMO: episodes that repeat, an ego that drives as in our core, and what it causes."""
+
+import json
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytest.importorskip("libsumo", reason="extra `sumo` is not installed")
+
+from socialiq.cli.main import main
+from socialiq.worlds.registry import make
+
+SLOWER, IDLE, FASTER = range(3)
+EMPTY = {"vehicle_rate": 0.0, "bicycle_rate": 0.0, "pedestrian_rate": 0.0}
+
+
+def episode(env, seed, actions):
+    """Return the observations and rewards of an episode as bytes, and the last info."""
+    observation, _ = env.reset(seed=seed)
+    trace, info = [observation.tobytes()], {}
+    for action in actions:
+        observation, _, terminated, truncated, info = env.step(action)
+        trace.append(observation.tobytes() + info["reward_pair"].tobytes())
+        if terminated or truncated:
+            break
+    return trace, info
+
+
+@pytest.mark.parametrize("name", ["socialiq/Sumo-v1", "socialiq/SumoRow-v1"])
+def test_an_episode_is_determined_by_its_seed(name):
+    env = gymnasium.make(name, disable_env_checker=True)
+    actions = [FASTER, SLOWER, IDLE, FASTER, FASTER] * 4
+    assert episode(env, 5, actions)[0] == episode(env, 5, actions)[0]
+    assert episode(env, 5, actions)[0] != episode(env, 6, actions)[0]
+
+
+def test_episodes_side_by_side_and_restored_ones_keep_every_bit():
+    env, another = (gymnasium.make("socialiq/Sumo-v1").unwrapped for _ in range(2))
+    plain, _ = episode(env, 2, [SLOWER] * 4 + [FASTER] * 4)
+    env.reset(seed=2)
+    another.reset(seed=7)
+    mixed = []
+    for number in range(8):
+        observation, *_, info = env.step(FASTER if number > 3 else SLOWER)
+        mixed.append(observation.tobytes() + info["reward_pair"].tobytes())
+        another.step(IDLE)
+        if number == 3:
+            state = env.save()
+    assert mixed == plain[1:]
+    another.restore(state)
+    observation, *_, info = another.step(FASTER)
+    assert observation.tobytes() + info["reward_pair"].tobytes() == plain[5]
+
+
+def test_alone_the_ego_drives_as_in_our_core_and_causes_nothing():
+    env = gymnasium.make("socialiq/Sumo-v1", **EMPTY).unwrapped
+    core = make("intersection", initial_vehicle_count=1, spawn_probability=0.0).batch(1)
+    core.reset([3])
+    core.buffers.vehicles["y"][0, core.buffers.episodes["controlled"][0, 0]] = 0.0
+    observation, _ = env.reset(seed=3)
+    assert observation.shape == (70,) and not observation[7:].any()
+    assert observation[[0, 4, 6]].tolist() == [1.0, -0.5, -1.0]
+    assert abs(observation[1] - 0.02) < 1e-6 and 0.3 < observation[2] < 0.7
+    for action in (FASTER, SLOWER, SLOWER, FASTER, IDLE):
+        speed = core.step(np.array([action])).speed[0]
+        info = env.step(action)[-1]
+        assert info["speed"] == pytest.approx(speed, abs=1e-9)
+        assert info["reward_pair"][1] == 0.0
+    assert episode(env, 3, [FASTER] * 20)[1]["ending"] == "arrival"
+
+
+def test_who_waits_holds_up_those_behind_and_is_not_paid_for_pedestrians():
+    env = gymnasium.make("socialiq/Sumo-v1", vehicle_rate=0.6, pedestrian_rate=0.0)
+    behind = 0.0
+    for seed in range(3):
+        _, info = episode(env, seed, [SLOWER] * 20)
+        lasting = env.unwrapped.episode
+        entries = {
+            name: lasting.without[name] - lasting.driven.get(name, 0.0) for name in lasting.without
+        }
+        behind += sum(entries.values())
+        assert info["ending"] == "timeout" and info["signals"]["delay_pedestrian"] == 0.0
+    assert behind > 50.0
+
+
+def test_signals_add_up_to_what_others_lose(capsys):
+    env = gymnasium.make("socialiq/Sumo-v1", pedestrian_rate=1.0)
+    for seed in range(4):
+        env.reset(seed=seed)
+        lost, ended = 0.0, False
+        while not ended:
+            *_, terminated, truncated, info = env.step(FASTER)
+            lost += info["signals"]["delay"]
+            ended = terminated or truncated
+        lasting = env.unwrapped.episode
+        assert lost == pytest.approx(sum(lasting.without.values()) - sum(lasting.driven.values()))
+    assert capsys.readouterr().out == ""  # standard output belongs to --json
+
+
+def test_commands_take_worlds_in_sumo(tmp_path, capsys):
+    assert main(["world", "sumo", "row", "--json"]) == 0
+    described = json.loads(capsys.readouterr().out)
+    assert len(described["ways"]) == 56 and described["entered"]["pedestrian"] > 0
+    effects = ["effects", "sumo", "--policy", "go", "--policy", "wait", "--episodes", "2"]
+    assert main([*effects, "--out", str(tmp_path / "effects"), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["drivers"]
+    assert {"delay", "delay_pedestrian", "braking", "arrival"} <= rows[0].keys()
+    dial = "results/caused-effects/dial.safetensors"
+    assert main(["evaluate", dial, "--world", "sumo", "--angle", "45", "--episodes", "2"]) == 0
