@@ -144,7 +144,10 @@ def every_command() -> Any:
 
     commands = together("")
     for group in GROUPS:
-        commands = commands | Annotated[together(group), tyro.conf.subcommand(group)]
+        below = together(group)
+        if sum(name.startswith(f"{group} ") for name in COMMANDS) == 1:
+            below = below | None  # a union, as the parser needs it
+        commands = commands | Annotated[below, tyro.conf.subcommand(group)]
     return commands
 
 
