@@ -16,8 +16,8 @@ from cryptography.hazmat.primitives.serialization import (
 
 from socialiq.audit.report.folder import SIGNATURES, STATEMENT
 from socialiq.audit.report.signature import PAYLOAD_TYPE, faults_of_signature, signed
-from socialiq.cli.audit_verify import fault_of_model, path_of_signature, sign_model
 from socialiq.cli.main import main
+from socialiq.cli.signing import fault_of_model, path_of_signature, sign_model
 from socialiq.errors import UserError
 from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
 from socialiq.worlds.registry import make_grid
@@ -128,3 +128,15 @@ def test_report_and_policy_are_signed_and_verified_together(tmp_path, capsys):
     assert main(verify) == 1
     policy.write_bytes(policy.read_bytes() + b"x")
     assert (main(verify), main(sign)) == (1, 2)
+
+
+def test_a_collectors_signature_binds_demonstrations(tmp_path, capsys):
+    private, public = written(tmp_path, keys()["p256"])
+    data, out = tmp_path / "data.safetensors", str(tmp_path / "run")
+    collect = ["collect", "crossing5", "--episodes", "2", "--key", str(private)]
+    assert main([*collect, "--out", str(data)]) == 0 and path_of_signature(data).is_file()
+    words = ["train", "cql", str(data), "--updates", "2", "--collector", str(public), "--out", out]
+    assert main(words) == 0
+    data.write_bytes(data.read_bytes() + b" ")
+    assert main([*words[:-1], f"{out}2"]) == 2
+    assert "ask the collector" in capsys.readouterr().err

@@ -77,6 +77,7 @@ BASES: dict[str, list[str]] = {
     "audit sign": ["{ok}/report", "--key", "{ok}/nowhere.pem"],
     "data from-arrays": ["{ok}/steps.npz", "--out", OUT],
     "data to-arrays": [DATA, "--out", f"{OUT}.npz"],
+    "data trust": [DATA, "--out", OUT],
     "data from-trajectories": [
         "{ok}/rollouts.npz",
         "--n-actions",

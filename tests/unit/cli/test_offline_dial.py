@@ -105,6 +105,9 @@ def test_data_without_social_rewards_make_no_dial(crossing, tmp_path, capsys) ->
     alone = dataclasses.replace(data, rewards=RewardPair(data.rewards.env, zero))
     files.save(tmp_path / "alone.safetensors", alone)
     words = ["train", "offline-dial", str(tmp_path / "alone.safetensors"), "--world", "crossing5"]
-    assert main([*words, *SMALL, "--out", str(tmp_path / "run")]) == 2
+    words += [*SMALL, "--out", str(tmp_path / "run")]
+    assert main(words) == 2
+    assert "9 of 9 episodes are not those of crossing5" in capsys.readouterr().err
+    assert main([*words, "--believe-labels"]) == 2
     assert "no social rewards" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

@@ -190,7 +190,7 @@ def test_environments_without_our_keys_end_otherwise_and_earn_r_env():
     assert (rows.rewards.social == 0.0).all()
     assert np.isnan(rollout.speed).all()
     assert rows.n_actions == 2
-    assert rows.source == {"seed": 0}
+    assert rows.source == {"seed": 0, "episodes": 3}
 
 
 def test_metrics_without_our_keys():

@@ -1,12 +1,11 @@
 """`audit verify` and `audit sign`: integrity of a report, its repetition, a signature of it."""
 
 import json
-import os
 import sys
 import tempfile
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -18,9 +17,10 @@ from socialiq.audit.request import Request, is_code
 from socialiq.audit.seeds import read_nonce
 from socialiq.cli.audit import CodeOptions
 from socialiq.cli.output import Printing, complain, print_json, say
+from socialiq.cli.signing import fault_of_model, path_of_signature, sign_model
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError
-from socialiq.foreign import one_line, optional
+from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
@@ -229,44 +229,3 @@ class Sign(Printing):
             for path in files:
                 sys.stdout.write(f"{path}: signed by the key {signer}\n")
         return 0
-
-
-def path_of_signature(policy: Path) -> Path:
-    """Return the path of a policy's signature: beside it, with .sig at the end."""
-    return policy.with_name(f"{policy.name}.sig")
-
-
-def sign_model(policy: Path, key: Path) -> bytes:
-    """Return a P-256 key's signature of a policy's file, in the format of OpenSSF Model Signing."""
-    config = _library("signing").Config()
-    with tempfile.TemporaryDirectory() as place:
-        path = Path(place) / "signature"
-        try:
-            passphrase = os.environ.get(signature.PASSPHRASE)
-            signer = config.use_elliptic_key_signer(private_key=key, password=passphrase)
-            signer.sign(policy, path)
-        except (ValueError, TypeError, AttributeError, OSError) as error:
-            raise UserError(
-                f"{policy} is not signed: its format takes a key of an elliptic curve (P-256): "
-                f"{_first_line(error)}"
-            ) from error
-        return path.read_bytes()
-
-
-def fault_of_model(policy: Path, signed: Path, key: Path) -> str:
-    """Return why a signature is not of a policy's file and a public key, or "" if it is."""
-    config = _library("verifying").Config()
-    try:
-        config.use_elliptic_key_verifier(public_key=key).verify(policy, signed)
-    except Exception as error:  # the library raises those of its parsers too
-        return f"{signed} is not this key's signature of {policy}: {_first_line(error)}"
-    return ""
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:120]
-
-
-def _library(module: str) -> Any:
-    optional("OpenSSL", "signing", "a policy's signature")  # imported and not asked for by:
-    return optional(f"model_signing.{module}", "signing", "a policy's signature")

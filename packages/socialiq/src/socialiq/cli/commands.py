@@ -56,6 +56,7 @@ COMMANDS = {
     "data from-trajectories": "socialiq.cli.data:FromTrajectories",
     "data from-minari": "socialiq.cli.data:FromMinari",
     "data to-minari": "socialiq.cli.data:ToMinari",
+    "data trust": "socialiq.cli.trust:Trust",
 }
 """Each command's module and class, in the order of the help page.
 

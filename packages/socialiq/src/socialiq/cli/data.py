@@ -7,26 +7,36 @@ from typing import Annotated, Any
 
 import tyro
 
+from socialiq.audit.report.signature import read_private_key
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Printing
+from socialiq.cli.profile import world_options
+from socialiq.cli.signing import path_of_signature, sign_model
 from socialiq.cli.words import refuse_unused
 from socialiq.datasets import arrays, minari, step_files, trajectories
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.trust import consistency
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation import rollout
+from socialiq.evaluation import labels, malice, rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.foreign import one_line
+from socialiq.learners.extensions import load
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
 from socialiq.social.angle import check_angle
+from socialiq.storage import write_atomically
 from socialiq.worlds import CONTINUOUS, registry
-from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, is_environment, make_environment, sizes
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.world import Batch, Intersection
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
 _CODE = ("python:", "process:")
+
+OF_ATTACKERS = 1_000_000
+"""Seeds of attackers' episodes begin so far after those of the others."""
 
 _OF_MIXTURE = {
     "equal_transitions": ("transitions",),
@@ -69,10 +79,20 @@ class Collect(Printing):
     contaminant: str = "egoistic"
     """The mode that contaminates it."""
     share: float = 0.2
-    """The contaminant's share of the episodes."""
+    """The contaminant's or attackers' share of the episodes."""
+    set: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
+    """KEY=VALUE ... of options of a gridworld, as braking=one_level, where the ego can collide."""
+    malicious: str = ""
+    """Attackers who take a share of the episodes: hater (others lose most), rammer (collides), or
+    FILE.py:NAME, a function (r_env, r_social, collision) -> reward of malice."""
+    forge: str = ""
+    """Labels that attackers write: absolute (|r|), or adaptive (as near to it as
+    `socialiq data trust` permits); by default honest ones."""
     clock: bool = False
     """Whether observations end with the time, for training a dial; not in an environment of your
     own."""
+    key: Path | None = None
+    """Your private key, P-256 in a PEM file: sign the demonstrations, OUT.sig."""
     seed: int = 0
     """Of the rollouts and of the draw; episode i of an environment is reset with seed + i."""
     allow_code: bool = False
@@ -83,10 +103,20 @@ class Collect(Printing):
         one_of("mixture", self.mixture, tuple(mixture.MIXTURES))
         for name, options in _OF_MIXTURE.items():
             if name != self.mixture:
-                refuse_unused(self, options, f"--mixture {name}")
+                refused = [option for option in options if option != "share" or not self.malicious]
+                refuse_unused(self, refused, f"--mixture {name}")
+        if not self.malicious:
+            refuse_unused(self, ("forge",), "--malicious")
+        if self.forge:
+            one_of("forgery", self.forge, ("absolute", "adaptive"))
+        if self.key is not None:
+            read_private_key(self.key)
         refuse_existing(self.out)
         mixed = self.mix()
+        mixed = self.poisoned(mixed) if self.malicious else mixed
         sha256 = files.save(self.out, mixed, replace=False)
+        if self.key is not None:
+            write_atomically(path_of_signature(self.out), sign_model(self.out, self.key))
         return show_counts(self, sha256, mixed)
 
     def mix(self) -> Demonstrations:
@@ -111,16 +141,42 @@ class Collect(Printing):
             pools, self.base, self.contaminant, self.share, self.episodes, self.seed
         )
 
+    def poisoned(self, honest: Demonstrations) -> Demonstrations:
+        """Return the demonstrations with attackers in the place of a share of the episodes."""
+        name, count = self.malicious, round(self.share * honest.n_episodes)
+        if name not in malice.ATTACKERS and ":" not in name:
+            one_of("attacker", name, (*malice.ATTACKERS, "FILE.py:NAME"))
+        attacker = malice.ATTACKERS.get(name) or load(name, "--malicious", self.allow_code)
+        if not 0.0 <= self.share < 1.0:
+            raise UserError(f"share {self.share:g} is outside [0, 1): give the attackers' share")
+        if count == 0:
+            return honest
+        seed = self.seed + OF_ATTACKERS
+        road = labels.world_named(self.world)
+        if isinstance(road, RoadWorld):
+            seeds = range(seed, seed + count)
+            bad = malice.attacked_road(road, attacker, seeds, self.world)
+        else:
+            bad = malice.attacked_table(self.table(), attacker, count, seed)
+        if self.forge:
+            check = consistency(bad, honest) if self.forge == "adaptive" else None
+            bad = malice.forged(bad, check)
+        return malice.poisoned(honest, bad, self.seed)
+
+    def table(self) -> Table:
+        """Return the gridworld of the options, with a clock if it is asked for."""
+        world = registry.make_grid(self.world, **world_options(self.set))
+        return tabulate(world.with_clock() if self.clock else world)
+
     def experts(self) -> dict[str, Demonstrations]:
         """Return episodes of a gridworld's experts."""
-        world = registry.make_grid(self.world)
-        table = tabulate(world.with_clock() if self.clock else world)
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
         counts = dict.fromkeys(rollout.MODES, longest)
-        return rollout.demonstrations_by_mode(table, counts, self.seed)
+        return rollout.demonstrations_by_mode(self.table(), counts, self.seed)
 
     def driven(self) -> dict[str, Demonstrations]:
         """Return episodes of the given drivers in an environment, by the mode's name."""
+        refuse_unused(self, ("set",), "a gridworld")
         if not self.driver:
             raise UserError(
                 f"{one_line(self.world)} has no experts of its own: name the drivers, one --driver "

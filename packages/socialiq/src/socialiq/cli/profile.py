@@ -3,6 +3,7 @@
 import datetime
 import os
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -108,8 +109,7 @@ class New:
                 date = datetime.date.fromisoformat(self.date)
             except ValueError as error:
                 raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
-        words = assignments([word for words in self.set for word in words])
-        options = {name: _value(text) for name, text in words.items()}
+        options = world_options(self.set)
         usual, loss = template.USUAL.get(self.world, template.Usual(1.0)), self.largest_loss
         margin = usual.margin if self.margin is None else self.margin
         if (self.clip_env is None) != (self.clip_social is None):
@@ -184,6 +184,12 @@ class Check(Printing):
             raise UserError(f"{self.file}:{line}: {fault}")
         facts = _facts(declared)
         return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
+
+
+def world_options(words: Sequence[Sequence[str]]) -> dict[str, Any]:
+    """Return the options of a world that --set gave as KEY=VALUE."""
+    given = assignments([word for several in words for word in several])
+    return {name: _value(text) for name, text in given.items()}
 
 
 def _value(text: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -148,9 +149,17 @@ def rollout_table(
         step=step,
         mode_names=(mode,),
         n_actions=mdp.n_actions,
-        source={"world": table.world.name, "seed": seed, **(source or {})},
+        source={"world": table.world.name, **_options_of(table), "seed": seed, **(source or {})},
     )
     return Rollout(transitions, table.speed[state, action])
+
+
+def _options_of(table: Table) -> dict[str, Any]:
+    """Return the options of a gridworld that are not its default ones, for provenance."""
+    options = dataclasses.asdict(table.world.options)
+    default = dataclasses.asdict(type(table.world.options)())
+    changed = {name: value for name, value in options.items() if value != default[name]}
+    return {"options": changed} if changed else {}
 
 
 def rollout_totals(
@@ -237,7 +246,7 @@ def rollout_env(
         episode=[step.episode[0] for step in steps],
         mode_names=(mode,),
         n_actions=int(space.n) if isinstance(space, gymnasium.spaces.Discrete) else 0,
-        source={"seed": seed, **action_bounds(env), **(source or {})},
+        source={"seed": seed, "episodes": episodes, **action_bounds(env), **(source or {})},
     )
     speed = np.array([step.made.speed for step in steps], np.float64)
     collided = float(sum(step.made.neighbours_collided for step in steps))

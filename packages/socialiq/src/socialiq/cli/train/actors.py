@@ -9,7 +9,6 @@ import numpy as np
 from socialiq.cli.drivers import observed
 from socialiq.cli.output import Printing
 from socialiq.cli.train import shared
-from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.acting import acting_in, actors_together
@@ -64,6 +63,7 @@ class TD3BC(Printing):
     data: shared.Data
     _: KW_ONLY
     out: shared.Out
+    labels: shared.Labels = field(default_factory=shared.LabelOptions)
     grid: shared.Grid = field(default_factory=shared.GridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
@@ -71,7 +71,7 @@ class TD3BC(Printing):
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
-        data = files.load(self.data, continuous=True)
+        data = self.labels.load(self.data, continuous=True)
         if not data.action_size:
             raise UserError(f"{self.data} has discrete actions: td3-bc is of continuous ones")
         return Task(self, data).run("td3-bc")

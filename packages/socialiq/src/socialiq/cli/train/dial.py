@@ -12,7 +12,6 @@ import tyro
 from socialiq.cli.drivers import complain_if_it_stands, observed, road_named
 from socialiq.cli.output import Display, Printing
 from socialiq.cli.train import shared
-from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import road_training
@@ -73,6 +72,7 @@ class Dial(Printing):
     in units of reward; the strength that takes is found while training."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
+    labels: shared.Labels = field(default_factory=shared.LabelOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
@@ -99,7 +99,7 @@ class Dial(Printing):
             )
         if not static.demonstrations and self.data is not None:
             raise UserError(f"preset '{name}' takes no demonstrations: leave the file out")
-        data = [files.load(self.data)] if self.data else []
+        data = [self.labels.load(self.data)] if self.data else []
         simulator, collector, chunk = None, None, shared.CHUNK
         if self.world in ROADS:
             world, chunk = road_named(self.world), road_training.CHUNK
@@ -278,13 +278,14 @@ class OfflineDial(Printing):
     """Folder to make: dials, metrics.csv, run.json."""
     seed: tuple[int, ...] = (0,)
     """Training seeds, a dial each."""
+    labels: shared.Labels = field(default_factory=shared.LabelOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: tyro.conf.OmitArgPrefixes[shared.SetOptions] = field(default_factory=shared.SetOptions)
 
     def run(self) -> int:
         """Train a dial for each seed, write the folder, print what came out."""
         check_seeds(self.seed)
-        data = files.load(self.data)
+        data = self.labels.load(self.data)
         check_social([data])
         settings = encoding_of(self.world, data) | self.size.settings()
         configs = OfflineDialConfig(), OfflineDialHyperparameters()

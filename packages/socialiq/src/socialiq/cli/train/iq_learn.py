@@ -10,7 +10,6 @@ import tyro
 
 from socialiq.cli.output import Printing
 from socialiq.cli.train import actors, shared
-from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
@@ -56,6 +55,7 @@ class IQLearn(Printing):
     allow_code: bool = False
     """Import the environment's module, or files of --prior, --divergence, --loss: their author's
     code runs with your rights."""
+    labels: shared.Labels = field(default_factory=shared.LabelOptions)
     grid: shared.Grid = field(default_factory=shared.GridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
@@ -64,7 +64,7 @@ class IQLearn(Printing):
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         check_seeds(self.grid.seed)
-        data = files.load(self.data, continuous=True)
+        data = self.labels.load(self.data, continuous=True)
         names = ("prior", "value_term", "divergence")
         values = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if data.action_size:
@@ -111,6 +111,7 @@ class Cloning(Printing):
     data: shared.Data
     _: KW_ONLY
     out: shared.Out
+    labels: shared.Labels = field(default_factory=shared.LabelOptions)
     grid: shared.PlainGrid = field(default_factory=shared.PlainGridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
@@ -118,7 +119,7 @@ class Cloning(Printing):
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
-        data = files.load(self.data, continuous=True)
+        data = self.labels.load(self.data, continuous=True)
         if data.action_size:
             return actors.Task(self, data).run("behaviour-cloning")
         self.scaling.refuse()
@@ -135,13 +136,14 @@ class ConservativeQ(Printing):
     data: shared.Data
     _: KW_ONLY
     out: shared.Out
+    labels: shared.Labels = field(default_factory=shared.LabelOptions)
     grid: shared.Grid = field(default_factory=shared.GridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
-        return _trained_offline(self, files.load(self.data), LEARNERS["cql"])
+        return _trained_offline(self, self.labels.load(self.data), LEARNERS["cql"])
 
 
 @dataclass(frozen=True)
@@ -158,13 +160,14 @@ class Own(Printing):
     out: shared.Out
     allow_code: bool = False
     """Import the file: its author's code runs with your rights."""
+    labels: shared.Labels = field(default_factory=shared.LabelOptions)
     grid: shared.Grid = field(default_factory=shared.GridOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
-        data = files.load(self.data)
+        data = self.labels.load(self.data)
         return _trained_offline(
             self, data, extensions.find_learner(self.learner, "LEARNER", self.allow_code)
         )

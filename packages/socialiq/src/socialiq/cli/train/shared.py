@@ -12,8 +12,12 @@ import tyro
 
 from socialiq.cli.drivers import complain_if_it_stands
 from socialiq.cli.output import Display, complain, print_json, print_table
+from socialiq.cli.signing import fault_of_model, path_of_signature
 from socialiq.cli.words import check_options
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.evaluation.labels import trusted
 from socialiq.learners.callbacks import Callbacks, EventFiles, Report
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds
@@ -128,6 +132,31 @@ class ScalingOptions:
             raise UserError(
                 "--standardise and --leave-out are of continuous actions, and these are discrete"
             )
+
+
+@dataclass(frozen=True)
+class LabelOptions:
+    """Trust in the demonstrations."""
+
+    believe_labels: bool = False
+    """Take rewards as the file has them. By default they are computed again where the file names a
+    world of ours, and episodes that differ are dropped; a file of which most differ is refused."""
+    collector: Path | None = None
+    """Public key of who collected the demonstrations, a PEM file: refuse them without its signature
+    beside them, FILE.sig, of `collect --key`."""
+
+    def load(self, path: Path, continuous: bool = False) -> Demonstrations:
+        """Read demonstrations; say on standard error what was dropped, or not checked."""
+        key = self.collector
+        if key and (fault := fault_of_model(path, path_of_signature(path), key)):
+            raise UserError(f"{fault}: ask the collector for the file")
+        data = files.load(path, continuous)
+        if self.believe_labels:
+            return data
+        data, line = trusted(data, str(path))
+        if line:
+            complain(line)
+        return data
 
 
 @dataclass(frozen=True)
@@ -302,5 +331,6 @@ Out = Annotated[Path, tyro.conf.arg(help=OUT)]
 Grid = tyro.conf.OmitArgPrefixes[GridOptions]
 PlainGrid = tyro.conf.OmitArgPrefixes[PlainGridOptions]
 Size = tyro.conf.OmitArgPrefixes[SizeOptions]
+Labels = tyro.conf.OmitArgPrefixes[LabelOptions]
 Scaling = tyro.conf.OmitArgPrefixes[ScalingOptions]
 Run = tyro.conf.OmitArgPrefixes[RunOptions]

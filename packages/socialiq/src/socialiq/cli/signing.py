@@ -1,0 +1,51 @@
+"""Signatures of files beside them, FILE.sig, in the format of OpenSSF Model Signing."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from socialiq.audit.report import signature
+from socialiq.errors import UserError
+from socialiq.foreign import optional
+
+
+def path_of_signature(file: Path) -> Path:
+    """Return the path of a file's signature: beside it, with .sig at the end."""
+    return file.with_name(f"{file.name}.sig")
+
+
+def sign_model(file: Path, key: Path) -> bytes:
+    """Return a P-256 key's signature of a file, in the format of OpenSSF Model Signing."""
+    config = _library("signing").Config()
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "signature"
+        try:
+            passphrase = os.environ.get(signature.PASSPHRASE)
+            signer = config.use_elliptic_key_signer(private_key=key, password=passphrase)
+            signer.sign(file, path)
+        except (ValueError, TypeError, AttributeError, OSError) as error:
+            raise UserError(
+                f"{file} is not signed: its format takes a key of an elliptic curve (P-256): "
+                f"{_first_line(error)}"
+            ) from error
+        return path.read_bytes()
+
+
+def fault_of_model(file: Path, signed: Path, key: Path) -> str:
+    """Return why a signature is not of a file and a public key, or "" if it is."""
+    config = _library("verifying").Config()
+    try:
+        config.use_elliptic_key_verifier(public_key=key).verify(file, signed)
+    except Exception as error:  # the library raises those of its parsers too
+        return f"{signed} is not this key's signature of {file}: {_first_line(error)}"
+    return ""
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]
+
+
+def _library(module: str) -> Any:
+    optional("OpenSSL", "signing", "a file's signature")  # imported and not asked for by:
+    return optional(f"model_signing.{module}", "signing", "a file's signature")
