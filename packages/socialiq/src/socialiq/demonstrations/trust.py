@@ -1,9 +1,10 @@
 """Consistency of labels where no world can recompute them: is each reward what others' rows say?
 
 Honest labels are one function of the transition and its ending, whatever the driver. It is learned
-by boosted trees from episodes other than the judged one (Friedman 2001, least absolute deviation): every row votes with the sign of its residual, so a minority of large labels can't lead.
-An episode's score is its largest residual. Labels of events that none but a forger's episodes
-have are beyond any such check, unless trusted episodes of one's own are the reference.
+by boosted trees from episodes other than the judged one (Friedman 2001, least absolute deviation):
+every row votes with the sign of its residual, so a minority of large labels can't lead. An
+episode's score is its largest residual. Labels of events that none but a forger's episodes have
+are beyond any such check, unless trusted episodes of one's own are the reference.
 """
 
 from __future__ import annotations
