@@ -291,7 +291,15 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
         isolation=isolation_of(trust.isolation) if code else None,
         files=trust.files if code else (),
         clock=world.shows_time,
+        **of_classes(world),
     )
+
+
+def of_classes(world: Any) -> dict[str, Any]:
+    """Return how `load_policy` reads policies for a world with classes of road users."""
+    classes = getattr(world, "options", world)
+    narrow, class_angle = getattr(world, "narrow", None), getattr(classes, "class_angle", None)
+    return {"narrow": narrow, "class_angle": class_angle}
 
 
 def rule_of(name: str, world: World, seed: int = 0) -> Loaded:

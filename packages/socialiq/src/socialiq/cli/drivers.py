@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from socialiq.audit.request import rule_of
+from socialiq.audit.request import of_classes, rule_of
 from socialiq.cli.output import complain
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import stands
@@ -48,7 +48,10 @@ def driver_of(
     size = Interface.of(world)
     settings: dict[str, Any] = {"angle": angle or 0.0, "allow_code": allow_code, "clock": True}
     settings["action_size"] = size.action_size
-    return load_policy(name, size.n_features, size.n_actions, **settings)
+    loaded = load_policy(name, size.n_features, size.n_actions, **settings, **of_classes(world))
+    if loaded.record.interface.n_features < size.n_features:
+        complain(f"{name} observes the vehicles alone: it does not see people on foot")
+    return loaded
 
 
 def refuse_misfit(
@@ -71,9 +74,13 @@ def refuse_misfit(
 
 def dial_of(name: str) -> Dial[Any] | None:
     """Return the dial of a file, of discrete or continuous actions; None if it holds none."""
-    kinds = {kind.KIND: kind for kind in (DialPolicy, ActorDial)}
+    kinds = {kind.KIND: kind for kind in (DialPolicy, ActorDial, ClassDial)}
     kind = kinds.get(kind_of(Path(name)))
-    return kind and kind.load(Path(name))
+    dial: Any = kind and kind.load(Path(name))
+    return dial.of_class(_ANY_CLASS) if isinstance(dial, ClassDial) else dial
+
+
+_ANY_CLASS = 45.0  # degrees, where only the range of a dial and whether it stands is of interest
 
 
 def observed(world: Any, dial: Dial[Any]) -> np.ndarray:

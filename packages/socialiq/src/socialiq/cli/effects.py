@@ -35,15 +35,17 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import SUMO_IDS, SUMO_NET
 from socialiq.worlds.environment import make_environment
-from socialiq.worlds.highway.effects import RELATIONS, AfterTimeout
+from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
-from socialiq.worlds.registry import GRIDWORLDS, make, make_grid, open_world
+from socialiq.worlds.registry import GRIDWORLDS, WALKED, make, make_grid, open_world
 
+_WALKED = tuple(name for name in WALKED if not name.endswith(CAUSED))
 PRINTED = (
     "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
     "delay_bicycle", "delay_pedestrian", "braking", "gap_below_1_s",
-    "collision", "arrival", "not_caused_of_charged", "missed_of_caused", "gained_of_credited",
+    "collision", "arrival", "pedestrian_delay", "pedestrian_hit", "not_caused_of_charged",
+    "missed_of_caused", "gained_of_credited",
 )  # fmt: skip
 
 
@@ -58,9 +60,9 @@ class EffectsOf(Printing):
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """intersection, merge, roundabout, another road of highway-env, a file of `socialiq data
-    world`, sumo, sumo-row, a network of SUMO (.net.xml), or a gridworld, whose delay is exact, in
-    cells: crossing5, crossing7 or crosswalk7."""
+    """intersection, intersection-crosswalk, merge, roundabout, another road of highway-env, a file
+    of `socialiq data world`, sumo, sumo-row, a network of SUMO (.net.xml), or a gridworld, whose
+    delay is exact, in cells: crossing5, crossing7 or crosswalk7."""
     _: KW_ONLY
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them."""
@@ -76,6 +78,9 @@ class EffectsOf(Printing):
     """Seconds after which wrecks are removed, with and without the ego; 0 leaves them."""
     after_timeout: AfterTimeout = "traffic"
     """An ego out of time drives on as traffic, or is removed."""
+    shield: float = 0.0
+    """Brake where the time to collision with a person on foot is below so many seconds; 0: don't.
+    In a world with crosswalks."""
     out: Path | None = None
     """Folder to make: effects.csv, episodes.csv, effects.json, effects.png."""
     allow_code: bool = False
@@ -85,7 +90,7 @@ class EffectsOf(Printing):
         """Drive, print, write the folder."""
         check_seed(self.seed)
         if not Path(self.world).suffix:  # a file is of a recorded junction, or a network
-            one_of("world", self.world, (*GRIDWORLDS, "intersection", *SCENES, *SUMO_IDS))
+            one_of("world", self.world, (*GRIDWORLDS, "intersection", *_WALKED, *SCENES, *SUMO_IDS))
         if not self.policy:
             raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.angle and all(angle is None for _, angle in self.drivers()):
@@ -135,7 +140,7 @@ class EffectsOf(Printing):
                 for name, angle in self.drivers()
             ]
             for name, angle, loaded in opened:
-                effects = measure(world, loaded.policy, seeds, begun)
+                effects = measure(world, loaded.policy, seeds, begun, shield=self.shield)
                 row: Row = {"policy": name, "angle": "" if angle is None else angle}
                 rows.append(row | summary(effects))
                 episodes += [row | line for line in by_episode(effects, seeds)]
@@ -172,7 +177,7 @@ class EffectsOf(Printing):
 
     def exact(self) -> tuple[list[Row], Row]:
         """Return the expected cells that each driver costs others in a gridworld."""
-        unused = ("episodes", "seed", "horizon", "tow_after", "after_timeout")
+        unused = ("shield", "episodes", "seed", "horizon", "tow_after", "after_timeout")
         refuse_unused(self, unused, "a road as the world")
         plain, rows = make_grid(self.world), list[Row]()
         for name, angle in self.drivers():

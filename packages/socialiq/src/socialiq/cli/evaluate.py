@@ -18,6 +18,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation import context, exact, parts
 from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of, policy_row
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
+from socialiq.evaluation.shield import shielded
 from socialiq.learners.settings import check_seed
 from socialiq.policies.card import trained_angle
 from socialiq.policies.interface import Record
@@ -67,7 +68,8 @@ class Evaluate(Printing):
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Policy files, of `socialiq train`."""
     world: str = "crossing7"
-    """crossing5, crossing7, crosswalk7, intersection, intersection-continuous,
+    """crossing5, crossing7, crosswalk7, intersection, intersection-crosswalk (at a class angle:
+    -crosswalk-60), intersection-continuous,
     intersection-continuous-steering (with -offroad: leaving the road ends an episode), sumo,
     sumo-row, a network of SUMO (.net.xml), or an environment."""
     data: Path | None = None
@@ -83,6 +85,9 @@ class Evaluate(Printing):
     """Number of episodes to roll out; 0 evaluates exactly, which only gridworlds allow."""
     seed: int = 0
     """Seed of the rollouts and the bootstrap."""
+    shield: float = 0.0
+    """At an intersection with crosswalks: brake where the time to collision with a person on foot
+    is below so many seconds; 0: don't."""
     processes: int = 0
     """Processes among which episodes of the intersection or of an environment are split, by seed;
     by default this one plays all."""
@@ -101,6 +106,8 @@ class Evaluate(Printing):
             )
         if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
+        if self.shield and self.world not in registry.WALKED:
+            raise UserError(f"--shield is for people on foot: choose {registry.WALKED[0]}")
         if self.data is not None:
             from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
 
@@ -152,11 +159,12 @@ class Evaluate(Printing):
         """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
         readout = "soft" if self.soft else "greedy"
         size, world = min(SIDE_BY_SIDE, self.episodes), drivers.intersection_named(self.world)
-        settings = (name, self.world, self.angle, self.allow_code, self.soft, size)
+        settings = (name, self.world, self.angle, self.allow_code, self.soft, self.shield, size)
         with drivers.driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
             if not self.processes:
                 batch, seeds = world.batch(size), np.array(self._seeds)
-                episodes = episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
+                policy = shielded(loaded.policy, batch, self.shield)
+                episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
             elif name == "random" or (self.soft and not loaded.record.soft):
                 raise parts.draws_in_order(name)
             else:  # as many side by side as in one
@@ -250,13 +258,16 @@ def _play_road(
     angle: float | None,
     allow_code: bool,
     soft: bool,
+    shield: float,
     size: int,
     seeds: np.ndarray,
 ) -> Episodes:
     """Play episodes of a driver at the intersection; `size` of them run side by side."""
     road = drivers.intersection_named(world)
     with drivers.driver_of(driver, road, angle, allow_code) as loaded:
-        return episodes_of(road.batch(size), loaded.policy, seeds, deterministic=not soft)
+        batch = road.batch(size)
+        policy = shielded(loaded.policy, batch, shield)
+        return episodes_of(batch, policy, seeds, deterministic=not soft)
 
 
 def _play_in_environment(

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.social.angle import exact_weights, score
-from socialiq.types import Act, Ending, Policy, RewardPair
+from socialiq.types import Act, ByClass, Ending, Policy, RewardPair
 from socialiq.worlds import world
 from socialiq.worlds.highway.world import RoadBatch, State
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
@@ -46,7 +46,7 @@ def branched_returns(
     batch: Batch,
     follow: Act,
     clock: bool = False,
-    angles: Float[np.ndarray, " batch"] | None = None,
+    angles: Float[np.ndarray, "batch ..."] | None = None,
 ) -> RewardPair:
     """Return the sums of rewards of each action in the present states, each (batch, actions).
 
@@ -57,23 +57,27 @@ def branched_returns(
         batch: Episodes, on the core; they are not changed.
         follow: Policy after the first action.
         clock: Whether it observes the time.
-        angles: Of each episode in degrees, if the policy observes it.
+        angles: Of each episode in degrees, if the policy observes it; or a row of two angles.
     """
     size, count = batch.size, len(ACTIONS)
     now = batch.save()
     copies = batch.branch(np.repeat(np.arange(size), count))
     same = equivalent_actions(now, batch.options)
     running = (same == np.arange(count)).ravel() & np.repeat(~now.waiting, count)
-    total = np.zeros((size * count, 2))
-    turned = None if angles is None else np.repeat(angles, count)
+    totals: list[np.ndarray] = []
+    turned = None if angles is None else np.repeat(angles, count, axis=0)
 
     def act(rows: np.ndarray) -> np.ndarray:
         return follow(observed(copies, clock, turned)[rows])
 
     for decided, decisions in rollouts(copies, np.tile(np.arange(count), size), running, act):
-        total[decided] += np.column_stack(decisions.rewards)[decided]
-    shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
-    return RewardPair(shared[..., 0], shared[..., 1])
+        parts = decisions.rewards.parts
+        totals = totals or [np.zeros(size * count) for _ in parts]
+        for total, part in zip(totals, parts, strict=True):
+            total[decided] += part[decided]
+    totals = totals or [np.zeros(size * count)] * 2
+    env, *social = (np.take_along_axis(t.reshape(size, count), same, axis=1) for t in totals)
+    return RewardPair(env, ByClass(*social) if len(social) > 1 else social[0])
 
 
 def branched_fleet_returns(
@@ -123,7 +127,7 @@ def observed_by_agents(
 
 
 def observed(
-    batch: RoadBatch, clock: bool, angles: Float[np.ndarray, " batch"] | None = None
+    batch: RoadBatch, clock: bool, angles: Float[np.ndarray, "batch ..."] | None = None
 ) -> Float32[np.ndarray, "batch feature"]:
     """Return the present observations, followed by the time with a clock, and by the angles."""
     columns = [batch.observation]

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import evaluate_exactly
+from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import actor_of
 from socialiq.statistics.intervals import normal_mean, wilson
 from socialiq.types import Ending, Policy, RewardPair, Row
@@ -23,6 +24,7 @@ from socialiq.worlds.enumerate import Table
 from socialiq.worlds.highway.effects import NEXT_ABSENT, RELATIONS, REPEAT, EffectOptions
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld
+from socialiq.worlds.intersection.crosswalk import SIGNALS as ON_FOOT
 from socialiq.worlds.world import Actor
 
 QUANTITIES = ("delay", "braking", "gap_below_1_s")
@@ -68,6 +70,8 @@ class Effects(NamedTuple):
         credited: Vehicles that Eq 4.2 credits as yielded to.
         gained: Of these, vehicles that gain 0.5 m in 5 decisions over an ego that accelerates.
         lost: Of these, vehicles that lose 0.5 m.
+        on_foot: Sums of the signals of people on foot (`intersection.crosswalk.SIGNALS`), 0
+            without such people.
     """
 
     totals: RewardPair
@@ -86,6 +90,7 @@ class Effects(NamedTuple):
     credited: Counts
     gained: Counts
     lost: Counts
+    on_foot: Float[np.ndarray, "episode signal"]
 
 
 _COUNTS = "charged", "not_caused", "caused", "missed", "credited", "gained", "lost"
@@ -96,10 +101,13 @@ def measure(
     policy: Policy,
     seeds: Sequence[int] | np.ndarray,
     begun: Begun | None = None,
+    judging: bool = True,
+    shield: float = 0.0,
 ) -> Effects:
     """Drive one greedy episode for each seed, and return what the driver causes in each.
 
-    Drivers of one world can share `begun`.
+    Drivers of one world can share `begun`. Without judging, the errors of Eq 4.2 are not counted. A
+    shield of some seconds brakes for people on foot.
 
     Raises:
         UserError: If the world doesn't measure effects, its actions are continuous, or there is no
@@ -115,7 +123,8 @@ def measure(
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         block = np.asarray(seeds[first : first + SIDE_BY_SIDE])
         batch = world.batch(len(block))
-        blocks.append(_drive(batch, actor_of(batch, policy), block, begun))
+        actor = actor_of(batch, shielded(policy, batch, shield))
+        blocks.append(_drive(batch, actor, block, begun, judging))
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     totals = RewardPair(columns.pop("env"), columns.pop("social"))
     return Effects(totals=totals, **columns)
@@ -211,6 +220,7 @@ def _drive(
     sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
     counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
     ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
+    on_foot = np.zeros((len(seeds), len(ON_FOOT)))
     running, number = np.ones(len(seeds), bool), 0
     while running.any():
         action = np.broadcast_to(actor.decide(batch.observation, running), len(seeds))
@@ -229,6 +239,8 @@ def _drive(
         if tracks.size:
             frames = slice(number * options.frames, (number + 1) * options.frames)
             _follow(batch, running, tracks[:, :, frames])
+        for column, name in enumerate(name for name in ON_FOOT if name in decisions.signals):
+            on_foot[running, column] += decisions.signals[name][running]
         ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
         running &= decisions.ending == int(Ending.NONE)
         number += 1
@@ -242,6 +254,7 @@ def _drive(
     return {
         **sums,
         **counts,
+        "on_foot": on_foot,
         "ending": ending,
         "at_fault": contact == int(Contact.EGO_STRUCK),
         "delay": (lost[..., None] * kinds).sum(axis=1),
@@ -384,6 +397,9 @@ def summary(effects: Effects) -> Row:
     row |= _share("gap_below_2_s", effects.gap < 2.0)
     row |= normal_mean("helped", effects.helped) | normal_mean("harmed", effects.harmed)
     row |= shares_of(effects.ending) | _share("at_fault", effects.at_fault)
+    if effects.on_foot.any():
+        row |= normal_mean("pedestrian_delay", effects.on_foot[:, 0])
+        row |= _share("pedestrian_hit", effects.on_foot[:, 2] > 0)
     sums = {name: int(getattr(effects, name).sum()) for name in _COUNTS}
 
     def ratio(part: str, of: str) -> Row:

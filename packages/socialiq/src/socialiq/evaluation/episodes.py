@@ -11,11 +11,12 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.simulate import Step, play
 from socialiq.social.angle import estimate_angle
-from socialiq.statistics.intervals import wilson
+from socialiq.statistics.intervals import normal_mean, wilson
 from socialiq.types import Ending, Policy, RewardPair, Row
 from socialiq.worlds.highway.options import SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.crosswalk import SIGNALS as ON_FOOT
 from socialiq.worlds.intersection.options import POSITION_RANGE, SLOWER
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
 from socialiq.worlds.intersection.world import Batch
@@ -129,15 +130,19 @@ def episodes_of(
     batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
 ) -> Episodes:
     """Run one episode of the intersection for each seed and return its sums, as `road_episodes`."""
-    return summed(play(batch, policy, seeds, deterministic), len(seeds))
+    steps = play(batch, policy, seeds, deterministic)
+    return summed(steps, len(seeds), batch.signal_names)
 
 
-def summed(steps: Iterator[Step], count: int) -> Episodes:
-    """Return the sums of so many episodes of the intersection from their decisions."""
+def summed(steps: Iterator[Step], count: int, names: tuple[str, ...] = SIGNALS) -> Episodes:
+    """Return the sums of so many episodes of the intersection from their decisions.
+
+    The names are of the signals of their world.
+    """
 
     def quantities(played: Step) -> dict[str, np.ndarray]:
         decisions, rows = played.made, np.flatnonzero(played.running)
-        signals = np.stack([decisions.signals[name][rows] for name in SIGNALS], axis=1)
+        signals = np.stack([decisions.signals[name][rows] for name in names], axis=1)
         conflicts = conflict_at_junction(played.observation[rows])
         action = played.action[rows]  # 0 slows the ego down, or a negative acceleration
         slows = action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
@@ -160,7 +165,7 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
         speed=sums["speed"] / sums["length"],
         stopped=sums["stopped"] / sums["length"],
         signals=sums["signals"],
-        signal_names=SIGNALS,
+        signal_names=names,
         entered=sums["beyond"] > 0,
         off_road=sums["off_road"] > 0,
         **last,
@@ -275,11 +280,28 @@ def policy_row(policy: str, readout: str, episodes: Episodes, off_road: bool = F
     row = {"policy": policy, "readout": readout} | outcome
     row |= {name: reward[name] for name in (*REWARDS, *_CLASSICAL)}
     row |= {"angle": angle.angle, "angle_low": angle.low, "angle_high": angle.high}
-    return row | {
+    row |= {
         name: "" if value is None else value
         for name, value in conflict_rates(episodes).items()
         if name not in row and name not in ("at_fault", "struck")
     }
+    return row | on_foot_row(episodes)
+
+
+def on_foot_row(episodes: Episodes) -> Row:
+    """Return what happened to people on foot, with intervals; nothing where no person walks.
+
+    They are the seconds that they waited and would not have without the ego, and the share of
+    episodes in which the ego hit a person.
+    """
+    if ON_FOOT[0] not in episodes.signal_names:
+        return {}
+    delay, _, hit = episodes.signals[:, len(SIGNALS) :].T
+    share = wilson(int(hit.sum()), len(hit))
+    row = normal_mean("pedestrian_delay", delay) if len(delay) > 1 else {}
+    return row | dict(
+        zip(("pedestrian_hit", "pedestrian_hit_low", "pedestrian_hit_high"), share, strict=True)
+    )
 
 
 def outcome_row(episodes: Episodes, off_road: bool = False) -> Row:

@@ -35,12 +35,13 @@ from socialiq.learners.expert_table import Carry, Replay
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.settings import Count, Natural, Positive, Share
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
+from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import network_of
 from socialiq.nn.view import CHOICES, PresentRows, View, angle_columns
 from socialiq.social.angle import score
-from socialiq.types import Act, RewardPair
+from socialiq.types import Act, ByClass, RewardPair
 
 Scalar = Float[Array, ""]
 
@@ -53,6 +54,8 @@ class DialIterationConfig(settings.DrawnAngles, settings.Network, settings.Repla
     """
 
     high_share: Share | None = 0.4
+    classes: bool = False
+    """Train for every class angle too; an observation then ends with both angles in degrees."""
     knots: Natural = 0
     """Number of hat functions of the angle that the network reads."""
     times: int = 0
@@ -73,6 +76,8 @@ class DialIterationConfig(settings.DrawnAngles, settings.Network, settings.Repla
         """Refuse names, sizes and angles that make no run."""
         super().__post_init__()
         self.check_high_share()
+        if self.classes and self.knots:
+            raise UserError("--set knots is of one angle: leave it out with --set classes=true")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +132,7 @@ def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterat
 
 
 class Labelled(NamedTuple):
-    """States, ending with their angle in degrees, and undiscounted returns (batch, actions)."""
+    """States, ending with their angles in degrees, and undiscounted returns (batch, actions)."""
 
     observation: Any
     returns: RewardPair
@@ -192,7 +197,8 @@ class DialIteration(Learner):
         static, (n_features, n_actions) = self.static, self.sizes
         knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
         shape = (n_features, static.hidden, n_actions, static.activation, static.view)
-        return DialNetwork.initialise(key, *shape, times=static.times, pairs=True, knots=knots)
+        options = {"times": static.times, "pairs": True, "classes": static.classes}
+        return DialNetwork.initialise(key, *shape, knots=knots, **options)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed or take the first one, beside an empty ring."""
@@ -200,7 +206,9 @@ class DialIteration(Learner):
         if self.start is not None:
             state = self.first_state(self.start)
         column = jnp.zeros(self.sizes[1], jnp.float32)
-        row = Labelled(jnp.zeros(self.sizes[0] + 1, jnp.float32), RewardPair(column, column))
+        classes = self.static.classes
+        returns = RewardPair(column, ByClass(column, column) if classes else column)
+        row = Labelled(jnp.zeros(self.sizes[0] + 1 + classes, jnp.float32), returns)
         return state, Carry(key, Replay.empty(self.static.replay_capacity, row))
 
     def draw(
@@ -216,26 +224,26 @@ class DialIteration(Learner):
     ) -> tuple[Array, Terms]:
         """The regression's loss of both rewards, or at the end the expected score's."""
         (observation, returns), progress = batch
-        direction = _direction_of(observation)
-        values = jax.vmap(network.value_pair)(observation[:, :-1], direction)
+        seen, direction = _turned(observation, self.static.classes)
+        values = jax.vmap(network.value_pair)(seen, direction)
         errors = [
             regression_error(output, value, hyperparameters.value_weight).mean()
-            for output, value in zip(values, returns, strict=True)
+            for output, value in zip(values.parts, returns.parts, strict=True)
         ]
         outputs, gains = (score(_of_rows(direction), pair) for pair in (values, returns))
         gain, entropy = expected_return(outputs, gains, hyperparameters.temperature)
-        gain, entropy, error = gain.mean(), entropy.mean(), errors[0] + errors[1]
+        gain, entropy, error = gain.mean(), entropy.mean(), jnp.stack(errors).sum()
         ending = -gain - hyperparameters.entropy * entropy
         loss = jnp.where(progress < hyperparameters.regression, error, ending)
         return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
 
     def policy(
         self, hyperparameters: IterationHyperparameters, state: TrainState, _retained: Any = None
-    ) -> DialPolicy:
+    ) -> DialPolicy | ClassDial:
         """Return the running average of the network as a dial."""
         static, record = self.static, self.record(hyperparameters)
-        temperature = hyperparameters.temperature
-        return DialPolicy.of(state.target_network, temperature, static.low, static.high, record)
+        kind, temperature = kind_of_dial(static), hyperparameters.temperature
+        return kind.of(state.target_network, temperature, static.low, static.high, record)
 
 
 class LabelCollector(BaseCollector):
@@ -258,7 +266,7 @@ class LabelCollector(BaseCollector):
     def _labelled(self, runs: Runs, run: int, done: int, rng: np.random.Generator) -> Labelled:
         static, n_actions = self._learner.static, self._learner.sizes[1]
         network = network_of(runs.state.target_network, run)
-        follow = greedy(DialPolicy.of(network, 1.0, static.low, static.high, {}))
+        follow = greedy(kind_of_dial(static).of(network, 1.0, static.low, static.high, {}))
         share = self._numbers[run].exploring(done / static.updates)
 
         def visit(observation: np.ndarray) -> np.ndarray:
@@ -272,37 +280,53 @@ class LabelCollector(BaseCollector):
         )
 
 
-def greedy(dial: DialPolicy) -> Act:
-    """Return a dial's greedy actions, of observations that end with their angle in degrees.
+def kind_of_dial(static: DialIterationConfig) -> Any:
+    """Return the class of the trained dials."""
+    return ClassDial if static.classes else DialPolicy
+
+
+def greedy(dial: DialPolicy | ClassDial) -> Act:
+    """Return a dial's greedy actions, of observations that end with their angles in degrees.
 
     A pooled view encodes the present vehicles alone, which is faster.
     """
     view, layers = dial.turned.view, dataclasses.replace(dial.turned, view=None)
     encode: Any = view
+    classes, knots = isinstance(dial, ClassDial), getattr(dial, "knots", ())
     if isinstance(view, View) and view.choice.pooled:
         encode = PresentRows(view)
 
     def act(observation: np.ndarray) -> np.ndarray:
-        direction, encoded = _direction_of(observation), observation[:, :-1]
-        columns = [encode(encoded) if encode else encoded, *angle_columns(direction, dial.knots)]
+        seen, direction = _turned(observation, classes)
+        columns = [encode(seen) if encode else seen, *angle_columns(direction, knots)]
         outputs = layers.q_values(np.concatenate(columns, axis=-1))
         if dial.pairs:
-            outputs = score(_of_rows(direction), RewardPair(*np.split(outputs, 2, axis=1)))
+            form = jax.tree.structure(direction)
+            values = np.split(outputs, form.num_leaves, axis=1)
+            outputs = score(_of_rows(direction), jax.tree.unflatten(form, values))
         return outputs.argmax(axis=1)
 
     return act
 
 
-def _direction_of(observation: Any) -> RewardPair:
-    """Return (cos α, sin α) of observations that end with their angle in degrees."""
-    xp = observation.__array_namespace__()
-    radians = xp.deg2rad(observation[:, -1])
-    return RewardPair(xp.cos(radians), xp.sin(radians))
+def _turned(observation: Any, classes: bool) -> tuple[Any, RewardPair]:
+    """Return observations without the angles in degrees at their ends, and the directions.
+
+    These are (cos α, sin α); with classes the class angle b is last, and sin α has the parts
+    (sin α cos b, sin α sin b).
+    """
+    xp, angles = observation.__array_namespace__(), 1 + classes
+    radians = xp.deg2rad(observation[:, -angles])
+    env, social = xp.cos(radians), xp.sin(radians)
+    if classes:
+        of_class = xp.deg2rad(observation[:, -1])
+        social = ByClass(social * xp.cos(of_class), social * xp.sin(of_class))
+    return observation[:, :-angles], RewardPair(env, social)
 
 
 def _of_rows(direction: RewardPair) -> RewardPair:
     """Return directions with an axis for the actions."""
-    return RewardPair(direction.env[:, None], direction.social[:, None])
+    return jax.tree.map(lambda weights: weights[:, None], direction)
 
 
 def train(

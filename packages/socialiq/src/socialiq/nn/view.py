@@ -260,6 +260,7 @@ class PresentRows:
         for weight, bias in zip(self.view.weights, self.view.biases, strict=True):
             columns = np.maximum(columns @ weight.T + bias, 0.0)
         pooled = np.zeros((2, len(rows), columns.shape[1]), np.float32)
+        columns *= vehicles[present][:, :1]  # the class of who is there
         if len(columns):
             occupied = counts > 0
             first = np.append(0, counts[occupied].cumsum()[:-1])

@@ -14,6 +14,7 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.foreign import FAILURES, failure, imported, one_line
+from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import Dial
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
@@ -59,6 +60,8 @@ def load_policy(
     isolation: Isolation | None = None,
     files: Sequence[str] = (),
     clock: bool = False,
+    narrow: int | None = None,
+    class_angle: float | None = None,
 ) -> Loaded:
     """Load a policy from a file, a command or a Python module, for a world.
 
@@ -76,6 +79,9 @@ def load_policy(
         files: Further files and folders of a command or module, which its hash covers; an
             isolated one sees no others.
         clock: Whether a file of this package may take the time as a further feature.
+        narrow: Length of an observation that a file of this package may take instead, with or
+            without the time.
+        class_angle: Class angle of a dial of two angles, in degrees.
 
     Returns:
         The policy and its record, a context manager: a process runs until it is closed.
@@ -100,7 +106,12 @@ def load_policy(
     elif suffix == ".onnx":
         kind, (policy, details) = "onnx", read_onnx(content, source, world)
     else:
-        kind, (policy, details) = kind_of(path), _read_with_clock(path, world, angle, clock)
+        kind, (policy, details) = (
+            kind_of(path),
+            _read_fitting(
+                path, [n_features, narrow or n_features], clock, world, angle, class_angle
+            ),
+        )
         # A clock makes it one more than the world's.
         world = world._replace(n_features=getattr(policy, "n_features", n_features))
         if read_content(path) != content:
@@ -109,39 +120,52 @@ def load_policy(
     return Loaded(policy, Record(kind, source, sha256, "the file's bytes", world, soft, details))
 
 
-def _read_with_clock(
-    path: Path, world: Interface, angle: float | None, clock: bool
+def _read_fitting(
+    path: Path, lengths: Sequence[int], clock: bool, world: Interface, *angles: float | None
 ) -> tuple[Any, dict[str, Any]]:
-    """Read a file of this package, which may take the time too if there is a clock."""
+    """Read a file of this package of one of some lengths, of each plus the time with a clock."""
     try:
-        return read_native(path, world, angle)
+        return read_native(path, world, *angles)
     except UserError:
-        if clock and kind_of(path) != "table":
+        timed = (0, 1) if clock and kind_of(path) != "table" else (0,)
+        for length in (length + time for length in dict.fromkeys(lengths) for time in timed):
             with contextlib.suppress(UserError):
-                return read_native(path, world._replace(n_features=world.n_features + 1), angle)
+                return read_native(path, world._replace(n_features=length), *angles)
         raise
 
 
 def read_native(
-    path: Path, world: Interface | None, angle: float | None = None
+    path: Path,
+    world: Interface | None,
+    angle: float | None = None,
+    class_angle: float | None = None,
 ) -> tuple[Any, dict[str, Any]]:
     """Read a file of this package, of any kind in `nn.saved.FORMS`, and details from it.
 
-    A dial gives its policy at an angle in degrees. The interface must be that of the world, if any.
+    A dial gives its policy at an angle in degrees, one of two angles at a class angle too. The
+    interface must be that of the world, if any.
     """
     form = FORMS.get(kind_of(path), QPolicy)
     arrays, header = load_arrays(path, form.KIND, form.VERSIONS)
-    if issubclass(form, Dial) and angle is None:
+    is_dial = issubclass(form, (Dial, ClassDial))
+    if is_dial and angle is None:
         raise UserError(f"{path} is a dial: name an angle")
+    if form is ClassDial and class_angle is None:
+        raise UserError(
+            f"{path} is a dial of two angles: name a world of a class angle, or turn it first with "
+            "`socialiq turn --class-angle`"
+        )
     if len(json.dumps(header)) > MOST_HEADER:
         raise refusal(path, f"has a header of more than {MOST_HEADER:,} characters")
     policy: Any = form.checked(path, arrays, header)
-    # Before the sizes: `_read_with_clock` tries two, and says what is wrong with the first.
-    at_angle = policy.at(angle) if issubclass(form, Dial) else None
+    if form is ClassDial:
+        policy = policy.of_class(class_angle)
+    # Before the sizes: `_read_fitting` tries several, and says what is wrong with the first.
+    at_angle = policy.at(angle) if is_dial else None
     if world is not None:
         size = getattr(policy, "action_size", 0)
         Interface(policy.n_features, policy.n_actions, size).check(str(path), world)
-    if isinstance(policy, Dial):
+    if is_dial:
         ends = {"angle": angle, "low": policy.low, "high": policy.high}
         return at_angle, _details(at_angle, header) | ends
     if isinstance(policy, ContextPolicy):

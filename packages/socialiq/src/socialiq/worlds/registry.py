@@ -21,6 +21,7 @@ from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld, world_of
 from socialiq.worlds.intersection import world as intersection
+from socialiq.worlds.intersection.crosswalk import CROSSWALK, CrosswalkOptions
 from socialiq.worlds.intersection.options import ContinuousOptions, FleetOptions
 from socialiq.worlds.world import World
 
@@ -31,13 +32,20 @@ WORLDS = {
     "crosswalk7": crosswalk7,
     "intersection": intersection,
 }
-WEIGHED = {f"crosswalk7-{angle}": {"class_angle": float(angle)} for angle in range(0, 91, 15)}
+_OVER_ROADS = "intersection" + CROSSWALK
+WEIGHED = {
+    f"{world}-{angle}": {"class_angle": float(angle)}
+    for world in ("crosswalk7", _OVER_ROADS)
+    for angle in range(0, 91, 15)
+}
 """Worlds of fixed class weights by name: the class angle in degrees that the name stands for."""
 
-CROSSWALKS = ("crosswalk7", *WEIGHED)
-"""Worlds with pedestrians."""
+CROSSWALKS = ("crosswalk7", *(name for name in WEIGHED if name.startswith("crosswalk7")))
+"""Gridworlds with pedestrians."""
+WALKED = (_OVER_ROADS, _OVER_ROADS + CAUSED, *(name for name in WEIGHED if name not in CROSSWALKS))
+"""Intersections with pedestrians."""
 GRIDWORLDS = ("crossing5", "crossing7", *CROSSWALKS)
-INTERSECTIONS = ("intersection", "intersection" + CAUSED, *CONTINUOUS)
+INTERSECTIONS = ("intersection", "intersection" + CAUSED, *CONTINUOUS, *WALKED)
 NAMES = (*GRIDWORLDS, *INTERSECTIONS)
 """Every world of `make`."""
 
@@ -147,6 +155,8 @@ def _plain(name: str) -> str:
 
 def _kind(name: str) -> Any:
     """Return the class of a world's options."""
+    if name in WALKED:
+        return CrosswalkOptions
     return ContinuousOptions if name in CONTINUOUS else WORLDS[_plain(name)].Options
 
 
@@ -158,9 +168,9 @@ def _grid(name: str, options: Any, _written: str) -> GridWorld:
 
 def spelled_out(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return a world's name and options as a declaration has them: class weights are an option."""
-    if name not in CROSSWALKS:
+    if name not in (*CROSSWALKS, *WALKED):
         return name, dict(options)
-    weights = {"class_angle": crosswalk7.Options.class_angle}
+    weights = {"class_angle": _kind(name).class_angle}
     return _plain(name), {**weights, **WEIGHED.get(name, {}), **options}
 
 

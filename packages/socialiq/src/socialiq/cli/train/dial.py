@@ -37,7 +37,7 @@ from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.world import Intersection
 
 ROADS = ("intersection", *SCENES)
-IMPROVING = "intersection", "intersection" + CAUSED
+IMPROVING = "intersection", "intersection" + CAUSED, *registry.WALKED[:2]
 """Worlds on highway-env's roads, with discrete actions."""
 ON_ROADS = "intersection"
 """Preset of these worlds."""
@@ -208,21 +208,24 @@ def finish_dials(
 class ImproveDial(Printing):
     """Improve a dial of the intersection by rollouts in copies of the simulator.
 
+    With crosswalks it begins with no dial, and the dial has two angles: the class angle is free
+    too.
+
     Example: socialiq train improve-dial dial.safetensors --out improved
     """
 
-    dial: Annotated[Path, tyro.conf.Positional]
-    """Dial file, of `socialiq train dial --world intersection`."""
+    dial: Annotated[Path | None, tyro.conf.Positional] = None
+    """Dial file, of `socialiq train dial --world intersection`; with crosswalks none."""
     _: KW_ONLY
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
     world: str = "intersection"
     """World to improve in: intersection, or intersection-caused, whose r_social is what the ego
-    causes."""
+    causes; or intersection-crosswalk, or intersection-crosswalk-caused."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     updates: int | None = None
-    """Gradient steps; by default 20,000."""
+    """Gradient steps; by default 20,000, with crosswalks 8,000."""
     agents: int = 1
     """Vehicles of an episode, of 2 to 16, that the dial drives against itself; r_social is then
     what the other agents get, the sum of their r_env."""
@@ -238,27 +241,42 @@ class ImproveDial(Printing):
         assert isinstance(world, Intersection)
         if self.agents < 1 or (self.agents > 1 and world.effects):
             raise UserError(f"--agents {self.agents}: give 1, or 2 to 16 in the plain intersection")
-        start = DialPolicy.load(self.dial)
-        clock = road_training.observes_time(start, world.options)
-        settings = {} if self.updates is None else {"updates": self.updates}
-        structure, numbers = self.options.apply(
-            (road_training.ITERATION, road_training.ITERATION_NUMBERS), settings
-        )
-        static = iteration.with_network_of(structure, start)
-        runs = [replace(numbers, seed=seed) for seed in self.seed]
         if self.environments < 1:
             raise UserError(f"--environments {self.environments}: give 1 or more")
+        walks = self.world in registry.WALKED
+        if walks != (self.dial is None) or (walks and self.agents > 1):
+            raise UserError(
+                f"a dial of {self.world} begins with no dial and drives alone: leave both out"
+                if walks
+                else f"name the dial to improve in {self.world}, of `socialiq train dial`"
+            )
+        settings = {} if self.updates is None else {"updates": self.updates}
+        static, numbers, labeller, sizes, start = self._method(world, settings)
+        runs = [replace(numbers, seed=seed) for seed in self.seed]
+        folder = shared.RunFolder(self.out, "dial", self.options, self.json)
+        with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
+            method = static, runs, [labeller] * len(runs), sizes
+            trained = iteration.train(*method, callbacks, road_training.CHUNK, start)
+        record = {"start": self.dial and shared.described_file(self.dial), "agents": self.agents}
+        return finish_dials(folder, trained, record, world)
+
+    def _method(self, world: Intersection, settings: dict[str, Any]) -> tuple[Any, ...]:
+        """Return structure, numbers, labeller, sizes and the first dial, if there is one."""
+        if self.dial is None:
+            presets = road_training.CROSSWALK, road_training.CROSSWALK_NUMBERS
+            structure, numbers = self.options.apply(presets, settings)
+            made = road_training.of_crosswalks(structure, world, self.environments)
+            return made[0], numbers, *made[1:], None
+        presets = road_training.ITERATION, road_training.ITERATION_NUMBERS
+        structure, numbers = self.options.apply(presets, settings)
+        start = DialPolicy.load(self.dial)
+        clock = road_training.observes_time(start, world.options)
+        static = iteration.with_network_of(structure, start)
         labeller = road_training.dial_labeller(static, world, self.environments, clock)
         if self.agents > 1:
             fleet = registry.make_fleet(agents=self.agents, duration=DURATION)
             labeller = road_training.fleet_labeller(static, fleet, self.environments, clock)
-        labellers = [labeller] * len(runs)
-        folder = shared.RunFolder(self.out, "dial", self.options, self.json)
-        with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
-            sizes, chunk = road_training.sizes_of(world.options, clock), road_training.CHUNK
-            trained = iteration.train(static, runs, labellers, sizes, callbacks, chunk, start)
-        record = {"start": shared.described_file(self.dial), "agents": self.agents}
-        return finish_dials(folder, trained, record, world)
+        return static, numbers, labeller, road_training.sizes_of(world.options, clock), start
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ class Ledger(NamedTuple):
     def of(record: np.ndarray, records: int, size: int) -> Ledger:
         """Return an empty ledger of so many episodes, on a road with so many records."""
         decisions, first = int(record["decisions"][0]), int(record["first_arrival"][0])
-        vehicles = first + decisions + 1 if first else records
+        vehicles = max(first + decisions + 1 if first else 0, records)
         return Ledger(
             arrivals=np.zeros(size, np.uint64),
             alone=np.zeros((size, decisions, 2)),

@@ -54,6 +54,16 @@ class EgoOptions:
     observed_vehicles: int = 10  # rows of the observation, the ego's included
 
     @property
+    def observed_rows(self) -> int:
+        """Rows of the observation, of vehicles and of others."""
+        return self.observed_vehicles
+
+    @property
+    def vehicle_features(self) -> int:
+        """Numbers of the rows of vehicles."""
+        return self.observed_vehicles * len(FEATURES)
+
+    @property
     def max_speed(self) -> float:
         """Fastest target speed v_max, m/s."""
         return float(self.target_speeds[-1])
@@ -211,6 +221,17 @@ SETTINGS = np.dtype(
         ("agents", np.int64),
         ("each", np.bool_),  # whether agents end one by one, and leave
         ("own_frame", np.bool_),  # whether an agent's view and destination are of its approach
+        ("observed_vehicles", np.int64),  # rows of an observation
+        # people on foot: records behind those of vehicles, and the first of these
+        ("walkers", np.int64),
+        ("first_walker", np.int64),
+        ("pedestrian_rate", np.float64),  # arrivals at each arm per s
+        ("walking_speed", np.float64),  # m/s, mean and standard deviation
+        ("walking_speed_sd", np.float64),
+        ("accepted_gap", np.float64),  # s, mean and standard deviation
+        ("accepted_gap_sd", np.float64),
+        ("least_gap", np.float64),  # s
+        ("impatience", np.float64),  # s less of the accepted gap for each second of waiting
     ],
     align=True,
 )
@@ -374,7 +395,7 @@ class Buffers(NamedTuple):
         if size < 1:
             raise UserError(f"size must be at least 1, got {size}")
         rows, capacity = (size * options.agents,), (size, most)
-        observed = (*rows, options.observed_vehicles, len(FEATURES))
+        observed = (*rows, options.observed_rows, len(FEATURES))
         frames = (size if traced else 0, options.frames, most)
         return Buffers(
             episodes=np.zeros(size, EPISODE),

@@ -178,6 +178,11 @@ class RoadBatch(abc.ABC):
         return chosen.astype(np.int64).reshape(-1)
 
     @property
+    def _resets_in_core(self) -> bool:
+        """Whether nothing is to be read between the end of an episode and the next one."""
+        return self.ledger is None
+
+    @property
     def running(self) -> Bool[np.ndarray, " batch"]:
         """Whether each episode has begun and not ended."""
         return ~self._waiting
@@ -202,6 +207,9 @@ class RoadBatch(abc.ABC):
     def seen_by(self, policy: Any) -> Float32[np.ndarray, "*batch feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
         flat = self.buffers.observation.reshape(len(self.buffers.ending), -1).copy()
+        vehicles = self.options.vehicle_features
+        if getattr(policy, "n_features", None) in (vehicles, vehicles + 1):
+            flat = flat[:, :vehicles]  # it does not observe people on foot
         time = np.repeat(self.time, self.options.agents)
         return observed_with_time(flat, time, policy).reshape(*self.shape, -1)
 
@@ -243,7 +251,7 @@ class RoadBatch(abc.ABC):
         chosen, deciding = self._checked(actions), rows_of(rows, self.size)
         if (self._waiting & deciding).any():
             raise UserError("an episode has not begun, or has ended: reset it first")
-        resets = auto_reset and self.ledger is None
+        resets = auto_reset and self._resets_in_core
         command = DECIDE_AND_RESET if resets else DECIDE
         commands = np.where(deciding, command, SKIP).astype(np.int8)
         self.measure(PREPARE, deciding)
@@ -345,7 +353,12 @@ class RoadWorld(World):
     @property
     def n_features(self) -> int:
         """Length of an observation."""
-        return self.options.observed_vehicles * len(FEATURES)
+        return self.options.observed_rows * len(FEATURES)
+
+    @property
+    def narrow(self) -> int:
+        """Length of an observation of the vehicles alone, which policies may take too."""
+        return self.options.vehicle_features
 
     @property
     def description(self) -> str:

@@ -37,11 +37,15 @@ OfEgos = Float[np.ndarray, " batch"]
 
 
 def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
-    """Return the vehicles of observations, one row of features each, in m and m/s."""
+    """Return the vehicles of observations, one row of features each, in m and m/s.
+
+    Rows of people on foot, whose presence is their class, count as empty.
+    """
     shape = len(observation), observation.shape[1] // len(FEATURES), len(FEATURES)
     vehicles = observation.reshape(shape).astype(np.float64)
     vehicles[..., 1:3] *= scenario.POSITION_RANGE
     vehicles[..., 3:5] *= scenario.SPEED_RANGE
+    vehicles[..., 0] *= vehicles[..., 0] <= 1.0
     return vehicles
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -13,11 +14,13 @@ from jaxtyping import Float
 from socialiq.errors import UserError, one_of
 from socialiq.types import Policy
 from socialiq.worlds.highway.effects import CAUSED, EffectOptions
-from socialiq.worlds.highway.options import MAX_SPEED, SKIP
+from socialiq.worlds.highway.options import MAX_SPEED, SIGNALS, SKIP
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, State
+from socialiq.worlds.intersection import crosswalk, policies
 from socialiq.worlds.intersection import options as scenario
-from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.crosswalk import CROSSWALK, CrosswalkOptions
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.world import Decisions
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.render import View
@@ -58,11 +61,14 @@ class Batch(RoadBatch):
         back_end: BackEnd = "core",
         traced: bool = False,
         effects: EffectOptions | None = None,
+        by_class: bool = False,
     ) -> None:
         one_of("back end", back_end, ("core", "highway_env"))
         buffers = scenario.buffers_of(options, size, traced or effects is not None)
         super().__init__(options, buffers, scenario.settings_of(options), threads, effects)
         self.options: Options = options
+        self.walks = options if isinstance(options, CrosswalkOptions) else None
+        self._by_class = by_class
         self.real: Any = None
         if back_end == "highway_env":
             if effects is not None:
@@ -80,6 +86,8 @@ class Batch(RoadBatch):
         if self.real is not None:
             self.real.run(command, seeds, seeded, actions)
             return
+        if self.walks:
+            crosswalk.begin_decision(self.walks, self.buffers, command != SKIP)
         if actions.ndim == 2:  # held in the egos' records
             rows = np.flatnonzero(command != SKIP)
             ego = rows, self.buffers.episodes["controlled"][rows, 0]
@@ -89,9 +97,28 @@ class Batch(RoadBatch):
             actions = np.zeros(len(actions), np.int64)
         super()._run(command, seeds, seeded, actions)
 
+    @property
+    def _resets_in_core(self) -> bool:
+        return super()._resets_in_core and not self.walks
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of the signals that define the rewards, without effects."""
+        return (*SIGNALS, *crosswalk.SIGNALS) if self.walks else SIGNALS
+
+    def _decisions(self) -> Decisions:
+        decisions = super()._decisions()
+        if not self.walks:
+            return decisions
+        signals = crosswalk.signals_of(self.walks, self.buffers)
+        rewards = crosswalk.by_class(self.walks, decisions.rewards, signals, self._by_class)
+        return decisions._replace(rewards=rewards, signals={**decisions.signals, **signals})
+
     def like(self, size: int) -> Batch:
         """Return a batch of so many episodes of the same scenario, on the core."""
-        return type(self)(self.options, size, self._threads, effects=self.effects)
+        return type(self)(
+            self.options, size, self._threads, effects=self.effects, by_class=self._by_class
+        )
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return numbers, or where actions are continuous floats in [-1, 1]; refuse others."""
@@ -123,14 +150,16 @@ class Intersection(RoadWorld):
         default_factory=Options
     )
     effects: EffectOptions | None = None
+    by_class: bool = False  # whether rewards have the parts of r_social by class, with crosswalks
 
     drivers: ClassVar[tuple[str, ...]] = policies.NAMES
     references: ClassVar[tuple[str, ...]] = ("go", "wait", "idm")
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Name of the world, with `CAUSED` if effects are rewarded."""
-        return "intersection" + (CAUSED if self.effects else "")
+        """Name of the world, with `CROSSWALK` if people walk, `CAUSED` if effects are rewarded."""
+        walks = CROSSWALK if isinstance(self.options, CrosswalkOptions) else ""
+        return "intersection" + walks + (CAUSED if self.effects else "")
 
     @property
     def action_space(self) -> spaces.Discrete | spaces.Box:
@@ -146,11 +175,32 @@ class Intersection(RoadWorld):
 
         return VIEW
 
+    @property
+    def description(self) -> str:
+        """Name of the world and its options."""
+        return super().description + (" by class" if self.by_class else "")
+
+    @property
+    def reward(self) -> dict[str, Any]:
+        """Definition of the reward pair, with the weights of the classes where people walk."""
+        walks = self.options.definition if isinstance(self.options, CrosswalkOptions) else {}
+        return super().reward | walks
+
+    def with_parts(self) -> Intersection:
+        """Return the same world with r_social by class in its rewards, for all class angles.
+
+        Raises:
+            UserError: If no person walks there.
+        """
+        if not isinstance(self.options, CrosswalkOptions):
+            raise UserError(f"{self.name} has one class of road users: choose one with crosswalks")
+        return dataclasses.replace(self, by_class=True)
+
     def batch(  # pyright: ignore[reportIncompatibleMethodOverride]  one argument more
         self, size: int, threads: int = 1, back_end: BackEnd = "core", traced: bool = False
     ) -> Batch:
         """Return episodes side by side; see `Batch`."""
-        return Batch(self.options, size, threads, back_end, traced, self.effects)
+        return Batch(self.options, size, threads, back_end, traced, self.effects, self.by_class)
 
     def driver(self, name: str, seed: int = 0) -> Policy:
         """Return a rule-based driver of `policies.NAMES`."""
@@ -164,7 +214,7 @@ class Intersection(RoadWorld):
         """
         if self.options.continuous and self.options.destination != "straight":
             return None
-        if self.effects:
+        if self.effects or isinstance(self.options, CrosswalkOptions):
             return None
         sides = env_range(self.options), social_range(self.options)
         return sum(abs(w) * (high - low) for w, (low, high) in zip(weights, sides, strict=True))

@@ -182,17 +182,17 @@ _PERCEPTION = 200.0  # m
 def observe(vehicles, count, ego, view, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
 
-    The view is the coordinates along the ego's lane by slot, m, the `tie`, the SIGHT record
-    and the quarter turns, from east to north, of the frame.
+    The view is the coordinates along the ego's lane by slot, m, the `tie`, the SIGHT record,
+    the quarter turns, from east to north, of the frame, and the number of rows of vehicles.
 
     Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
     on the ego's lane, so rounding often decides their order; with `tie`, m, the list's order
     decides.
     """
-    along, tie, sight, turns = view
+    along, tie, sight, turns, rows = view
     observation[:] = 0.0
     me = vehicles[ego]
-    _write(me, 0.0, 0.0, 0.0, 0.0, sight, turns, observation[0])
+    write_row(me, 0.0, 0.0, 0.0, 0.0, sight, turns, observation[0])
     slots, distances, visible = np.empty(count, np.int64), np.empty(count), 0
     for slot in range(count):
         if slot == ego:
@@ -212,12 +212,13 @@ def observe(vehicles, count, ego, view, observation):
     x, y, vx, vy = 0.0, 0.0, 0.0, 0.0
     if sight.relative:
         x, y, vx, vy = me.x, me.y, me.speed * me.along_x, me.speed * me.along_y
-    for row in range(min(visible, len(observation) - 1)):
-        _write(vehicles[slots[row]], x, y, vx, vy, sight, turns, observation[row + 1])
+    for row in range(min(visible, rows - 1)):
+        write_row(vehicles[slots[row]], x, y, vx, vy, sight, turns, observation[row + 1])
 
 
 @kernel
-def _write(vehicle, x, y, vx, vy, sight, turns, row):
+def write_row(vehicle, x, y, vx, vy, sight, turns, row):
+    """Write a row of an observation, position and velocity less those given."""
     dx, dy = _turned(vehicle.x - x, vehicle.y - y, turns)
     along_x, along_y = vehicle.along_x, vehicle.along_y
     speed_x, speed_y = vehicle.speed * along_x - vx, vehicle.speed * along_y - vy

@@ -42,6 +42,9 @@ class RoadKernels(NamedTuple):
     remove: Callable[..., Any]  # (episode, vehicles, slot): take a vehicle off the road
     # (vehicle, slot, ego, road) -> place of a vehicle in `effects.RELATIONS`
     relation: Callable[..., Any]
+    # (vehicles, slot of the agent, SIGHT record, quarter turns, settings, observation): write the
+    # rows of people on foot, if the road has any
+    observe_people: Callable[..., Any]
 
 
 @kernel
@@ -56,16 +59,18 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
     Agents' results and actions have a row each, those of an episode in turn.
     """
     lane_of, sight, turns = kernels.lane, kernels.sight, kernels.turns
-    renew, remove = kernels.renew, kernels.remove
+    renew, remove, observe_people = kernels.renew, kernels.remove, kernels.observe_people
 
     @kernel
-    def observe(vehicles, count, slot_of_agent, road, settings, observation):
+    def observe(vehicles, count, slot_of_agent, people, road, settings, observation):
         agent, along = vehicles[slot_of_agent], np.empty(count)
         lane, turned = lane_of(agent.lane, road), turns(agent, road, settings)
         for slot in range(count):
             along[slot] = longitudinal(lane, vehicles[slot].x, vehicles[slot].y)
-        view = along, settings.tie, sight(road), turned
+        view = along, settings.tie, sight(road), turned, settings.observed_vehicles
         rewards.observe(vehicles, count, slot_of_agent, view, observation)
+        if settings.walkers:
+            observe_people(people, slot_of_agent, sight(road), turned, settings, observation)
 
     decide, begin = _decide_of(kernels), _begin_of(kernels, observe)
     annotate = _annotate_of(kernels, observe)
@@ -145,7 +150,8 @@ def _begin_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[...
         for number in range(settings.agents):
             slot, result = episode.controlled[number], row * settings.agents + number
             episode.start[number] = coordinate(vehicles[slot], road)
-            observe(vehicles, count, slot, road, settings, buffers.observation[result])
+            seen_by_agent = buffers.observation[result]
+            observe(vehicles, count, slot, vehicles, road, settings, seen_by_agent)
 
     return begin
 
@@ -215,7 +221,8 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
             _clear(buffers, result)
             return earlier
         ego = after[slot]
-        observe(after, records(count, after), slot, road, settings, buffers.reached[result])
+        people, reached = buffers.vehicles[row], buffers.reached[result]
+        observe(after, records(count, after), slot, people, road, settings, reached)
         left = settings.offroad_terminal and not on_road[slot]
         late = episode.time >= settings.duration
         ending = rewards.ending_of(ego.crashed, left, arrived(ego, road), late)
@@ -349,7 +356,15 @@ def _relation(car, slot, _ego, road):
 
 _TABLES = _lane, _coordinate, _same_origin, _arrived, _sight, _turns
 _CHANGES = drivers.choose, _sub_step, _renew, drivers.reset
-_KERNELS = RoadKernels(*_TABLES, *_CHANGES, _records, _leaves, _release, _remove, _relation)
+
+
+@kernel
+def _observe_people(_vehicles, _slot, _sight, _turns, _settings, _observation):
+    pass
+
+
+_REST = _records, _leaves, _release, _remove, _relation, _observe_people
+_KERNELS = RoadKernels(*_TABLES, *_CHANGES, *_REST)
 _carry_out = carry_out_of(_KERNELS)
 _effects = effects_of(_KERNELS)
 

@@ -1,0 +1,211 @@
+"""Dials of two angles at the intersection with crosswalks, and the price of a shield.
+
+A dial is trained by policy iteration from none. The same episodes without the ego show what it
+costs vehicles; the seconds that people wait for it are counted by sub-step.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.cli.drivers import driver_of
+from socialiq.evaluation import road_training
+from socialiq.evaluation.effects import Effects, measure, measuring
+from socialiq.learners import policy_iteration
+from socialiq.learners.settings import check_counts
+from socialiq.nn.class_dial import ClassDial
+from socialiq.statistics.intervals import normal_mean
+from socialiq.types import Ending, Policy, Row
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import make
+from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped
+from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
+from socialiq_lab.study import Context, Findings
+
+BLIND = "intersection-dial-clock/iterated.safetensors"
+"""Dial of the intersection, which observes the vehicles alone."""
+MEASURES = (
+    "r_env", "delay", "braking", "pedestrian_delay", "pedestrian_encounter", "pedestrian_hit",
+    "collision", "arrival",
+)  # fmt: skip
+ENVIRONMENTS = 256
+RULES = ("go", "gap_3s", "idm")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    Training seed 100 and episodes from 90,000,000 on were used in development.
+    """
+
+    seeds: tuple[int, ...] = (501, 502, 503, 504, 505)
+    angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    class_angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 90.0)
+    updates: int = 8000
+    states_per_update: int = 40
+    episodes: int = 1000  # of each driver
+    first_episode: int = 96_000_000
+    shielded: tuple[str, ...] = ("go", "gap_3s", "0", "45", "90")
+    """Rules, and angles of the dial of the intersection that observes the vehicles alone."""
+    shield: float = 2.0  # s
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes."""
+        check_counts(self, ("updates", "states_per_update", "episodes"))
+
+
+@dataclass(frozen=True)
+class Training:
+    """Configuration of one dial."""
+
+    structure: policy_iteration.DialIterationConfig
+    numbers: policy_iteration.IterationHyperparameters
+
+
+@dataclass(frozen=True)
+class Driving:
+    """Configuration of the episodes of one dial."""
+
+    angles: tuple[float, ...]
+    class_angles: tuple[float, ...]
+    first_episode: int
+    episodes: int
+
+
+@dataclass(frozen=True)
+class Shielding:
+    """Configuration of the episodes with and without a shield."""
+
+    drivers: tuple[str, ...]
+    first_episode: int
+    episodes: int
+    shield: float
+
+
+def train(
+    config: Training, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Train a dial and write it."""
+    made = road_training.of_crosswalks(config.structure, _world(), ENVIRONMENTS)
+    structure, labeller, sizes = made
+    trained = policy_iteration.train(
+        structure, [config.numbers], [labeller], sizes, callbacks_of(on_progress)
+    )
+    trained.policy(0).save(folder / DIAL)
+
+
+def drive(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Drive a dial at each pair of angles; write (class angle, angle, episode, measure)."""
+    (trained,) = inputs.values()
+    dial = ClassDial.load(trained / DIAL)
+    driven = _driver(config.first_episode, config.episodes)
+    rows = [
+        [driven(dial.of_class(class_angle).at(angle)) for angle in config.angles]
+        for class_angle in config.class_angles
+    ]
+    np.save(folder / "measures.npy", np.array(rows))
+
+
+def shield(
+    config: Shielding, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
+) -> None:
+    """Drive each driver without and with a shield; write (driver, shield, episode, measure)."""
+    (blind,) = inputs.values()
+    world, rows = _world(), list[Any]()
+    driven = _driver(config.first_episode, config.episodes)
+    for name in config.drivers:
+        rule = name in world.drivers
+        driver, angle = (name, None) if rule else (str(blind / DIAL), float(name))
+        with driver_of(driver, world, angle) as loaded:
+            rows.append([driven(loaded.policy, shield=seconds) for seconds in (0.0, config.shield)])
+    np.save(folder / "measures.npy", np.array(rows))
+
+
+def _world() -> Intersection:
+    world = make("intersection-crosswalk")
+    assert isinstance(world, Intersection)
+    return world
+
+
+def _driver(first: int, episodes: int) -> Any:
+    """Return what drives a policy on seeded episodes, which share the worlds without the ego."""
+    world, seeds = measuring(_world()), np.arange(first, first + episodes)
+    driven = partial(measure, world, seeds=seeds, begun={}, judging=False)
+
+    def measured(policy: Policy, **options: Any) -> np.ndarray:
+        return measures_of(driven(policy=policy, **options))
+
+    return measured
+
+
+def measures_of(effects: Effects) -> np.ndarray:
+    """Return `MEASURES` of each episode, (episode, measure); a hit is no other collision."""
+    collided, hit = effects.ending == int(Ending.COLLISION), effects.on_foot[:, 2]
+    columns = (
+        effects.totals.env,
+        effects.delay.sum(axis=1),
+        effects.braking,
+        *effects.on_foot.T,
+        collided & (hit == 0),
+        effects.ending == int(Ending.ARRIVAL),
+    )
+    return np.column_stack(columns)
+
+
+def jobs(config: Config) -> list[Job]:
+    """Return the jobs: train a dial of each seed, drive it, and drive others with a shield."""
+    structure = replace(
+        road_training.CROSSWALK,
+        updates=config.updates,
+        states_per_update=config.states_per_update,
+    )
+    size = {"first_episode": config.first_episode, "episodes": config.episodes}
+    driving = Driving(config.angles, config.class_angles, **size)
+    listed = [Job("dials/blind", copy_shipped, Shipped(BLIND))]
+    for seed in config.seeds:
+        numbers = replace(road_training.CROSSWALK_NUMBERS, seed=seed)
+        listed.append(Job(f"training/{seed}", train, Training(structure, numbers), (), 400.0))
+        listed.append(Job(f"driving/{seed}", drive, driving, (f"training/{seed}",), 60.0))
+    shielding = Shielding(config.shielded, **size, shield=config.shield)
+    return [*listed, Job("shields", shield, shielding, ("dials/blind",), 20.0)]
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Return what dials cause at each pair of angles, and drivers with and without a shield."""
+    runs = [np.load(context.work / f"driving/{seed}/measures.npy") for seed in config.seeds]
+    prices = [
+        {"class_angle": class_angle, "angle": angle}
+        | measured_row([run[row, column] for run in runs])
+        for row, class_angle in enumerate(config.class_angles)
+        for column, angle in enumerate(config.angles)
+    ]
+    driven = np.load(context.work / "shields/measures.npy")
+    shields = [
+        {"driver": name if name in RULES else f"blind dial at {name}", "shield": seconds}
+        | measured_row([driven[row, column]])
+        for row, name in enumerate(config.shielded)
+        for column, seconds in enumerate((0.0, config.shield))
+    ]
+    summary = {
+        "largest_hit": max(row["pedestrian_hit"] for row in prices),
+        "largest_hit_of_a_seed": max(row["pedestrian_hit_largest"] for row in prices),
+    }
+    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
+    return Findings({"prices": prices, "shields": shields}, summary, {DIAL: shipped})
+
+
+def measured_row(runs: Sequence[np.ndarray]) -> Row:
+    """Return means over training seeds, intervals over episodes, and ranges over seeds."""
+    row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
+    for column, name in enumerate(MEASURES):
+        values, means = np.mean(runs, axis=0)[:, column], np.mean(runs, axis=1)[:, column]
+        row |= normal_mean(name, values)
+        row |= {f"{name}_least": float(means.min()), f"{name}_largest": float(means.max())}
+    return row

@@ -1,0 +1,210 @@
+"""People on foot at the intersection: what changes with them, what they cause and observe."""
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.evaluation.episodes import episodes_of, on_foot_row
+from socialiq.worlds.highway.options import FEATURES
+from socialiq.worlds.intersection.core.pedestrians import GONE, HALF_WIDTH, MIDDLE, WAITING, WALKING
+from socialiq.worlds.intersection.crosswalk import SIGNALS, CrosswalkOptions, people
+from socialiq.worlds.registry import make
+
+ROWS, VEHICLES = 60, 70  # episodes; numbers of the vehicles' rows
+SLOWER, FASTER = 0, 2
+
+
+def driven(world, decisions=9, action=None, auto_reset=True):
+    """Yield the batch and the results of decisions that are drawn, or all one action."""
+    batch, rng = world.batch(ROWS), np.random.default_rng(1)
+    batch.reset(500)
+    for _ in range(decisions):
+        actions = rng.integers(3, size=ROWS) if action is None else np.full(ROWS, action)
+        yield batch, batch.step(actions, auto_reset, batch.running)
+
+
+@pytest.mark.parametrize("suffix", ["", "-caused"])
+def test_without_arrivals_the_world_is_the_intersection_to_the_last_bit(suffix):
+    plain = make("intersection" + suffix)
+    empty = make(f"intersection-crosswalk{suffix}", pedestrian_rate=0.0, class_angle=0.0)
+    for (mine, results), (theirs, expected) in zip(driven(empty), driven(plain), strict=True):
+        for name in ("env", "social"):
+            np.testing.assert_array_equal(
+                getattr(results.rewards, name), getattr(expected.rewards, name)
+            )
+        vehicles = theirs.buffers.vehicles
+        for name in vehicles.dtype.names:
+            mine_too = mine.buffers.vehicles[name][:, : vehicles.shape[1]]
+            np.testing.assert_array_equal(mine_too, vehicles[name])
+        np.testing.assert_array_equal(results.observation[:, :VEHICLES], expected.observation)
+        assert not results.observation[:, VEHICLES:].any()
+
+
+def test_people_come_from_a_stream_of_their_own():
+    """Traffic begins as without them, and more people don't change who comes first."""
+    first = [make("intersection-crosswalk", pedestrian_rate=rate) for rate in (0.05, 0.2)]
+    begun = [world.batch(ROWS) for world in (make("intersection"), *first)]
+    observed = [batch.reset(500)[:, :VEHICLES] for batch in begun]
+    np.testing.assert_array_equal(observed[0], observed[1])
+    few, many = (people(batch.options, batch.buffers) for batch in begun[1:])
+    np.testing.assert_array_equal(few["origin"][:, :5], many["origin"][:, :5])
+    np.testing.assert_allclose(
+        few["desired_speed"][:, :5], 4 * many["desired_speed"][:, :5], rtol=1e-12
+    )
+    rate = 1 / np.diff(few["desired_speed"], axis=1).mean()
+    assert rate == pytest.approx(4 * 0.05, rel=0.1)
+
+
+def test_people_walk_at_their_pace_and_wait_at_the_kerb():
+    world, walked = make("intersection-crosswalk", pedestrian_rate=0.5), 0
+    for batch, _ in driven(world, action=SLOWER, auto_reset=False):
+        records = people(world.options, batch.buffers)
+        there = np.isin(records["leg"], (WAITING, WALKING))
+        pose = np.sort(np.abs([records["x"][there], records["y"][there]]), axis=0)
+        assert np.all(pose[1] == MIDDLE)
+        assert np.all(pose[0] <= 5.0 + 1e-9)
+        moving = there & (records["speed"] > 0)
+        assert np.all(records["speed"][moving] == records["target_speed"][moving])
+        walked += int((records["leg"] == GONE).sum())
+    assert walked > ROWS
+
+
+def test_nobody_waits_for_an_ego_that_is_far_away():
+    world = make("intersection-crosswalk", pedestrian_rate=0.5)
+    batch = world.batch(ROWS)
+    batch.reset(500)
+    ego = np.arange(ROWS), batch.buffers.episodes["controlled"][:, 0]
+    for name, value in {"x": 9000.0, "y": 9000.0, "speed": 0.0, "target_speed": 0.0}.items():
+        batch.buffers.vehicles[name][ego] = value
+    for _ in range(8):
+        made = batch.step(np.full(ROWS, SLOWER), auto_reset=False)
+        for name in SIGNALS:
+            assert not made.signals[name].any()
+
+
+def crossing(distance, action, speed=9.0):
+    """Return the signals of two decisions of an ego before one person in the middle of its lane.
+
+    There are no other vehicles; the ego begins so many metres before the crosswalk.
+    """
+    world = make("intersection-crosswalk", pedestrian_rate=0.2, spawn_probability=0.0)
+    batch = world.with_parts().batch(1)
+    batch.reset(3)
+    records, vehicles = people(world.options, batch.buffers), batch.buffers.vehicles
+    slot = batch.buffers.episodes["controlled"][0, 0]
+    vehicles[0, 0] = vehicles[0, slot]
+    batch.buffers.episodes["vehicles"], batch.buffers.episodes["controlled"][0, 0] = 1, 0
+    ego = {"x": 2.0, "y": MIDDLE + HALF_WIDTH + 2.5 + distance, "speed": speed}
+    for name, value in {**ego, "target_speed": speed}.items():
+        vehicles[name][0, 0] = value
+    records["leg"] = GONE
+    person = {"leg": WALKING, "origin": 0, "target_lane": 1, "x": 1.8, "y": MIDDLE}
+    for name, value in {**person, "target_speed": 1.0, "along_x": 1.0, "along_y": 0.0}.items():
+        records[name][0, 0] = value
+    made = [batch.step(np.array([action]), auto_reset=False)]
+    if made[0].ending[0] == 0:
+        made.append(batch.step(np.array([action]), auto_reset=False))
+    return made
+
+
+def test_an_ego_hits_who_walks_before_it_unless_it_brakes():
+    hit = crossing(6.0, FASTER)[-1]
+    assert (hit.ending[0], hit.contact[0], hit.signals["pedestrian_hit"][0]) == (2, 1, 1.0)
+    options = CrosswalkOptions()
+    assert hit.rewards.env[0] == options.collision_weight + options.pedestrian_collision_weight
+    vulnerable = hit.rewards.social.vulnerable[0]
+    closest = options.pedestrian_encounter_weight
+    assert vulnerable == pytest.approx(options.pedestrian_hit_weight + closest, abs=0.5)
+    assert not any(made.signals["pedestrian_hit"][0] for made in crossing(12.0, SLOWER))
+    assert crossing(12.0, FASTER)[0].signals["pedestrian_encounter"][0] > 0.3
+
+
+def test_who_waits_for_the_ego_alone_is_delayed_by_it():
+    """A person at the kerb waits as long as the ego is less than the accepted gap away."""
+    world = make("intersection-crosswalk", pedestrian_rate=0.2, spawn_probability=0.0)
+    batch = world.batch(1)
+    batch.reset(3)
+    records, vehicles = people(world.options, batch.buffers), batch.buffers.vehicles
+    slot = batch.buffers.episodes["controlled"][0, 0]
+    vehicles[0, 0] = vehicles[0, slot]
+    batch.buffers.episodes["vehicles"], batch.buffers.episodes["controlled"][0, 0] = 1, 0
+    records["leg"] = GONE
+    ahead = 9.0 * 3.0  # 3 s; the person accepts 4.5 s at first
+    vehicles["x"][0, 0], vehicles["y"][0, 0] = 2.0, MIDDLE + HALF_WIDTH + 2.5 + ahead
+    vehicles["speed"][0, 0] = vehicles["target_speed"][0, 0] = 9.0
+    state = {"leg": WAITING, "origin": 0, "target_lane": 1, "time_headway": 4.5}
+    for name, value in {**state, "x": -5.0, "y": MIDDLE, "jam_distance": 0.0}.items():
+        records[name][0, 0] = value
+    made = batch.step(np.array([FASTER]), auto_reset=False)
+    assert made.signals["pedestrian_delay"][0] == pytest.approx(1.0)
+    options = world.options
+    weight = np.sin(np.deg2rad(options.class_angle)) * options.pedestrian_delay_weight
+    assert made.rewards.social[0] == pytest.approx(weight)
+
+
+def test_drivers_brake_for_who_walks():
+    """Traffic overlaps hardly any person: of 60 episodes with many people, overlaps are counted."""
+    world, over, counted = make("intersection-crosswalk", pedestrian_rate=0.4), 0, 0
+    for batch, _ in driven(world, 12, SLOWER, auto_reset=False):
+        records, vehicles = people(world.options, batch.buffers), batch.buffers.vehicles
+        for row in np.flatnonzero(batch.running):
+            cars = vehicles[row, : batch.buffers.episodes["vehicles"][row]]
+            cars = cars[(cars["agent"] < 0) & (np.abs(cars["speed"]) > 0.5)]
+            walking = records[row][records[row]["leg"] == WALKING]
+            dx = walking["x"][:, None] - cars["x"]
+            dy = walking["y"][:, None] - cars["y"]
+            along = np.abs(dx * cars["along_x"] + dy * cars["along_y"])
+            aside = np.abs(dy * cars["along_x"] - dx * cars["along_y"])
+            over += int(((along < 2.5) & (aside < 1.0)).sum())
+            counted += len(walking)
+    assert counted > 500
+    assert over <= 0.01 * counted
+
+
+def test_the_nearest_people_follow_the_vehicles_in_an_observation():
+    world = make("intersection-crosswalk", pedestrian_rate=0.3)
+    seen = 0
+    for _, made in driven(world):
+        rows = made.observation.reshape(ROWS, -1, len(FEATURES))
+        on_foot = rows[:, VEHICLES // len(FEATURES) :]
+        assert set(np.unique(rows[:, : VEHICLES // len(FEATURES), 0])) <= {0.0, 1.0}
+        assert set(np.unique(on_foot[..., 0])) <= {0.0, 2.0}
+        apart = np.hypot(*(on_foot[..., name] - rows[:, :1, name] for name in (1, 2)))
+        apart = np.where(on_foot[..., 0] > 0, apart, np.inf)
+        with np.errstate(invalid="ignore"):
+            assert not (np.diff(apart, axis=1) < -1e-6).any()
+        seen += int((on_foot[..., 0] > 0).sum())
+    assert seen > ROWS
+
+
+def test_copies_of_a_state_meet_the_same_people():
+    world = make("intersection-crosswalk-caused", pedestrian_rate=0.3)
+    *_, (batch, _) = driven(world, 4, auto_reset=False)
+    copies = batch.branch(np.arange(ROWS))
+    for _ in range(4):
+        rows = batch.running
+        mine = batch.step(np.full(ROWS, FASTER), False, rows)
+        theirs = copies.step(np.full(ROWS, FASTER), False, rows)
+        np.testing.assert_array_equal(mine.observation, theirs.observation)
+        np.testing.assert_array_equal(mine.rewards.social, theirs.rewards.social)
+
+
+def test_rules_see_vehicles_alone_and_metrics_have_the_people():
+    world = make("intersection-crosswalk-90", pedestrian_rate=0.2)
+    episodes = episodes_of(world.batch(64), world.driver("gap_3s"), range(64))
+    row = on_foot_row(episodes)
+    assert row["pedestrian_delay"] > 1.0
+    assert 0.0 < row["pedestrian_hit_low"] < row["pedestrian_hit"] < 0.5
+    assert (
+        on_foot_row(episodes_of(make("intersection").batch(4), world.driver("go"), range(4))) == {}
+    )
+
+
+def test_a_value_that_no_world_has_is_refused():
+    for option, value in {"pedestrian_rate": 1.5, "walking_speed": 0.0, "impatience": -1.0}.items():
+        with pytest.raises(UserError, match=option):
+            make("intersection-crosswalk", **{option: value})
+    with pytest.raises(UserError, match="class angle"):
+        make("intersection-crosswalk", class_angle=100.0)
+    with pytest.raises(UserError, match="one class"):
+        make("intersection").with_parts()
