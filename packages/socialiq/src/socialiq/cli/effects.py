@@ -91,6 +91,8 @@ class EffectsOf(Printing):
         check_seed(self.seed)
         if not Path(self.world).suffix:  # a file is of a recorded junction, or a network
             one_of("world", self.world, (*GRIDWORLDS, "intersection", *_WALKED, *SCENES, *SUMO_IDS))
+        if self.shield and self.world not in _WALKED:
+            raise UserError(f"--shield is for people on foot: choose {_WALKED[0]}")
         if not self.policy:
             raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.angle and all(angle is None for _, angle in self.drivers()):
@@ -177,7 +179,7 @@ class EffectsOf(Printing):
 
     def exact(self) -> tuple[list[Row], Row]:
         """Return the expected cells that each driver costs others in a gridworld."""
-        unused = ("shield", "episodes", "seed", "horizon", "tow_after", "after_timeout")
+        unused = ("episodes", "seed", "horizon", "tow_after", "after_timeout")
         refuse_unused(self, unused, "a road as the world")
         plain, rows = make_grid(self.world), list[Row]()
         for name, angle in self.drivers():
