@@ -11,7 +11,7 @@ import tyro
 from socialiq.cli import drivers
 from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.classes import ClassGround
+from socialiq.evaluation.classes import ClassGround, driven
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
 from socialiq.evaluation.exact import Metrics, Readout, optimum_of
 from socialiq.learners.settings import check_seed
@@ -25,6 +25,12 @@ from socialiq.storage import kind_of
 from socialiq.types import Row
 from socialiq.worlds import CONTINUOUS, registry
 from socialiq.worlds.highway.scenes import SCENES
+
+_BY_CLASS = (
+    "class_angle", "angle", "r_env", "r_vehicle", "r_vulnerable", "vehicles_delayed",
+    "pedestrians_waiting", "delay", "pedestrian_delay", "pedestrian_hit", "collision", "arrival",
+    "regret",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -42,9 +48,9 @@ class Dial(Printing):
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, crosswalk7, intersection, merge, roundabout; with a dial of
-    continuous actions intersection-continuous, or intersection-continuous-steering (with -offroad:
-    leaving the road ends an episode)."""
+    """crossing5, crossing7, crosswalk7, intersection, intersection-crosswalk, merge, roundabout;
+    with a dial of continuous actions intersection-continuous, or intersection-continuous-steering
+    (with -offroad: leaving the road ends an episode)."""
     policy: Path
     """Dial file, of `socialiq train dial`; where actions are continuous, of `train sac` or
     `iq-learn` with --set dial=true."""
@@ -68,7 +74,7 @@ class Dial(Printing):
             refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
-        one_of("world", self.world, (*registry.WORLDS, *CONTINUOUS, *SCENES))
+        one_of("world", self.world, (*registry.WORLDS, *CONTINUOUS, *registry.WALKED, *SCENES))
         if self.world in CONTINUOUS:
             if self.calibrated:
                 raise UserError("--calibrated is of dials of discrete actions: leave it out")
@@ -99,19 +105,31 @@ class Dial(Printing):
         return 0
 
     def _by_class(self) -> int:
-        """Evaluate a dial of two angles exactly at each pair of them."""
+        """Evaluate a dial of two angles at each pair of them: exactly, or on a road by episodes."""
         if self.calibrated:
             raise UserError("--calibrated is of one angle: `socialiq turn --class-angle` first")
-        dial = ClassDial.load(self.policy)
-        ground = ClassGround(drivers.gridworld_of(self.world, dial))
-        rows = list(ground.sweep(dial, float(self.every), self.readout))
-        regrets = [row["regret"] for row in rows]
-        summary: Row = {"world": self.world, "policy": str(self.policy)}
-        summary |= {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
+        dial, summary = ClassDial.load(self.policy), Row()
+        if self.world in registry.WALKED:
+            check_seed(self.seed)
+            if self.soft or self.episodes < 2:
+                raise UserError("on a road give --episodes of 2 or more, and leave --soft out")
+            world = drivers.intersection_named(self.world)
+            drivers.refuse_misfit(str(self.policy), dial.of_class(0.0), world)
+            seeds = np.arange(self.seed, self.seed + self.episodes)
+            rows = list(driven(dial, world, float(self.every), seeds))
+            summary |= {"worst_pedestrian_hit": max(row["pedestrian_hit"] for row in rows)}
+        else:
+            ground = ClassGround(drivers.gridworld_of(self.world, dial))
+            rows = list(ground.sweep(dial, float(self.every), self.readout))
+            regrets = [row["regret"] for row in rows]
+            summary |= {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
+        summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
         else:
-            print_table(rows, "angles in degrees; exact means of an episode")
+            names = [name for name in _BY_CLASS if name in rows[0]] or list(rows[0])
+            table = [{name: row[name] for name in names} for row in rows]
+            print_table(table, "angles in degrees; means of an episode, exact in a gridworld")
             print_table(listed(summary))
         return 0
 

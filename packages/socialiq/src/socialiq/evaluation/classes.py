@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.evaluation.effects import caused_by_step
+from socialiq.evaluation.effects import Begun, caused_by_step, measure, measuring, summary
 from socialiq.evaluation.exact import Readout, action_table
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.mdp.octant import OctantFront, octant_front
@@ -17,6 +17,7 @@ from socialiq.nn.class_dial import ClassDial
 from socialiq.social.angle import direction_of
 from socialiq.types import Ending, Row
 from socialiq.worlds.enumerate import Table
+from socialiq.worlds.highway.world import RoadWorld
 
 _TIE = 1e-6  # weight of the sum of all rewards; it costs no more than 1e-4 of a value
 
@@ -89,6 +90,21 @@ class ClassGround:
                 sums = [row[name] for name in ("r_env", "r_vehicle", "r_vulnerable")]
                 regret = self.optimum(angle, class_angle)[1] - float(np.dot(weights, sums))
                 yield _named(angle, class_angle) | row | {"regret": regret}
+
+
+def driven(
+    dial: ClassDial, world: RoadWorld, every: float, seeds: Sequence[int] | np.ndarray
+) -> Iterator[Row]:
+    """Yield what a dial causes at every direction of a grid in degrees, on the same episodes.
+
+    On a road with people on foot: means of `effects.summary` with 95 % intervals.
+    """
+    world, begun = measuring(world), Begun()
+    for class_angle, angle in itertools.product(_grid(every), repeat=2):
+        if dial.low <= angle <= dial.high:
+            policy = dial.of_class(class_angle).at(angle)
+            effects = measure(world, policy, seeds, begun, judging=False)
+            yield _named(angle, class_angle) | summary(effects)
 
 
 def _grid(every: float) -> Sequence[float]:
