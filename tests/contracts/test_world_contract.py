@@ -226,7 +226,8 @@ def test_unknown_worlds_are_refused():
     line = f"^unknown world 'crossing9': choose one of {', '.join(registry.GRIDWORLDS)}"
     continuous = "intersection-continuous", "intersection-continuous-steering"
     plain = "intersection", "intersection-caused"
-    intersections = ", ".join((*plain, *continuous, f"{continuous[1]}-offroad"))
+    continuous = *continuous, f"{continuous[1]}-offroad"
+    intersections = ", ".join((*plain, *continuous, *registry.WALKED))
     with pytest.raises(UserError, match=f"{line}, {intersections}$"):
         registry.make("crossing9")
     line = f"{line}$"

@@ -37,6 +37,41 @@ def test_a_dial_of_two_angles_is_evaluated_turned_and_driven(dial, tmp_path, cap
     assert regret == pytest.approx(rows[45.0, 90.0]["regret"], abs=1e-5)
 
 
+def test_a_dial_of_two_angles_is_trained_and_driven_on_a_road(tmp_path, capsys):
+    out, world = tmp_path / "out", "intersection-crosswalk"
+    short = ["--updates", "2", "--set", "states_per_update=1", "--set", "first_rounds=1"]
+    train = ["train", "improve-dial", "--world", world, "--out", str(out), *short]
+    assert main([*train, "--environments", "8", "--set", "hidden=4", "--seed", "3"]) == 0
+    dial = str(out / "dial_0.safetensors")
+    assert ClassDial.load(dial).pairs and ClassDial.load(dial).n_features == 113
+    capsys.readouterr()
+    sweep = ["dial", world, "--policy", dial, "--every", "90", "--episodes", "8", "--json"]
+    assert main(sweep) == 0
+    rows = json.loads(capsys.readouterr().out)["angles"]
+    assert [(row["class_angle"], row["angle"]) for row in rows] == [
+        (0.0, 0.0), (0.0, 90.0), (90.0, 0.0), (90.0, 90.0),
+    ]  # fmt: skip
+    evaluate = ["evaluate", dial, "--world", f"{world}-90", "--angle", "90", "--json"]
+    assert main([*evaluate, "--episodes", "8", "--shield", "2"]) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["pedestrian_hit"] <= rows[3]["pedestrian_hit"]
+    assert main([*train[:2], dial, *train[2:], "--out", str(tmp_path / "again")]) == 2
+    assert "begins with no dial" in capsys.readouterr().err
+
+
+def test_a_dial_that_observes_vehicles_alone_drives_among_people_and_is_told(capsys):
+    dial = "results/intersection-dial-clock/iterated.safetensors"
+    words = ["evaluate", dial, "--world", "intersection-crosswalk", "--episodes", "8", "--json"]
+    assert main(words) == 0
+    captured = capsys.readouterr()
+    assert "does not see people on foot" in captured.err
+    assert json.loads(captured.out)["arrival"] > 0.0
+    assert (
+        main(["evaluate", "go", "--world", "intersection", "--episodes", "2", "--shield", "2"]) == 2
+    )
+    assert "people on foot" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [["--angle", "45"], ["--class-angle", "91"]])
 def test_a_class_angle_is_asked_for_and_checked(words, dial, tmp_path, capsys):
     assert main(["turn", dial, *words, "--out", str(tmp_path / "policy.safetensors")]) == 2

@@ -5,6 +5,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of, on_foot_row
+from socialiq.evaluation.shield import shielded
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.core.pedestrians import GONE, HALF_WIDTH, MIDDLE, WAITING, WALKING
 from socialiq.worlds.intersection.crosswalk import SIGNALS, CrosswalkOptions, people
@@ -198,6 +199,22 @@ def test_rules_see_vehicles_alone_and_metrics_have_the_people():
     assert (
         on_foot_row(episodes_of(make("intersection").batch(4), world.driver("go"), range(4))) == {}
     )
+
+
+def test_a_shield_keeps_a_rule_from_hitting_people():
+    world, seeds = make("intersection-crosswalk", pedestrian_rate=0.2), range(300)
+    hits = []
+    for seconds in (0.0, 2.0):
+        batch = world.batch(300)
+        policy = shielded(world.driver("gap_3s"), batch, seconds)
+        hits.append(on_foot_row(episodes_of(batch, policy, seeds))["pedestrian_hit"])
+    assert hits[0] > 0.05
+    assert hits[1] < 0.02
+    plain = make("intersection")
+    with pytest.raises(UserError, match="crosswalks"):
+        shielded(plain.driver("go"), plain.batch(1), 2.0)
+    with pytest.raises(UserError, match="positive"):
+        shielded(world.driver("go"), world.batch(1), -1.0)
 
 
 def test_a_value_that_no_world_has_is_refused():
