@@ -79,8 +79,7 @@ def load_policy(
         files: Further files and folders of a command or module, which its hash covers; an
             isolated one sees no others.
         clock: Whether a file of this package may take the time as a further feature.
-        narrow: Length of an observation that a file of this package may take instead, with or
-            without the time.
+        narrow: Length of an observation that such a file may take instead.
         class_angle: Class angle of a dial of two angles, in degrees.
 
     Returns:
@@ -95,7 +94,16 @@ def load_policy(
         return _load_code(spec, world, allow_code, limits or Limits(), isolation, files)
     if files:
         raise UserError(f"{source} is one file: leave --files out, of a process or Python")
-    path, suffix = Path(spec), Path(spec).suffix.lower()
+    lengths = dict.fromkeys((n_features, narrow or n_features))
+    fitting = [length + time for length in lengths for time in range(1 + clock)]
+    return _load_file(Path(spec), world, fitting, angle, class_angle)
+
+
+def _load_file(
+    path: Path, world: Interface, fitting: Sequence[int], *angles: float | None
+) -> Loaded:
+    """Load a policy from a file; one of this package may take any of some lengths of input."""
+    source, suffix = one_line(str(path)), path.suffix.lower()
     if suffix not in (".safetensors", ".zip", ".onnx"):
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
@@ -106,14 +114,8 @@ def load_policy(
     elif suffix == ".onnx":
         kind, (policy, details) = "onnx", read_onnx(content, source, world)
     else:
-        kind, (policy, details) = (
-            kind_of(path),
-            _read_fitting(
-                path, [n_features, narrow or n_features], clock, world, angle, class_angle
-            ),
-        )
-        # A clock makes it one more than the world's.
-        world = world._replace(n_features=getattr(policy, "n_features", n_features))
+        kind, (policy, details) = kind_of(path), _read_fitting(path, fitting, world, *angles)
+        world = world._replace(n_features=getattr(policy, "n_features", world.n_features))
         if read_content(path) != content:
             raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
     soft, sha256 = isinstance(policy, SoftPolicy), sha256_of(content)
@@ -121,14 +123,13 @@ def load_policy(
 
 
 def _read_fitting(
-    path: Path, lengths: Sequence[int], clock: bool, world: Interface, *angles: float | None
+    path: Path, fitting: Sequence[int], world: Interface, *angles: float | None
 ) -> tuple[Any, dict[str, Any]]:
-    """Read a file of this package of one of some lengths, of each plus the time with a clock."""
+    """Read a file of this package, which may take any of some lengths of input; no table may."""
     try:
         return read_native(path, world, *angles)
     except UserError:
-        timed = (0, 1) if clock and kind_of(path) != "table" else (0,)
-        for length in (length + time for length in dict.fromkeys(lengths) for time in timed):
+        for length in () if kind_of(path) == "table" else fitting:
             with contextlib.suppress(UserError):
                 return read_native(path, world._replace(n_features=length), *angles)
         raise
