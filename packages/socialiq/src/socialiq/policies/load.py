@@ -96,14 +96,14 @@ def load_policy(
         raise UserError(f"{source} is one file: leave --files out, of a process or Python")
     lengths = dict.fromkeys((n_features, narrow or n_features))
     fitting = [length + time for length in lengths for time in range(1 + clock)]
-    return _load_file(Path(spec), world, fitting, angle, class_angle)
+    return _load_file(spec, world, fitting, angle, class_angle)
 
 
 def _load_file(
-    path: Path, world: Interface, fitting: Sequence[int], *angles: float | None
+    spec: str, world: Interface, fitting: Sequence[int], *angles: float | None
 ) -> Loaded:
     """Load a policy from a file; one of this package may take any of some lengths of input."""
-    source, suffix = one_line(str(path)), path.suffix.lower()
+    path, source, suffix = Path(spec), one_line(spec), Path(spec).suffix.lower()
     if suffix not in (".safetensors", ".zip", ".onnx"):
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
