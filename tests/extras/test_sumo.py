@@ -1,6 +1,9 @@
 """Worlds in SUMO: episodes that repeat, an ego that drives as in our core, and what it causes."""
 
+import csv
 import json
+import runpy
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -108,3 +111,13 @@ def test_commands_take_worlds_in_sumo(tmp_path, capsys):
     assert {"delay", "delay_pedestrian", "braking", "arrival"} <= rows[0].keys()
     dial = "results/caused-effects/dial.safetensors"
     assert main(["evaluate", dial, "--world", "sumo", "--angle", "45", "--episodes", "2"]) == 0
+
+
+def test_the_referee_repeats_its_results():
+    compare = runpy.run_path("benchmarks/sumo_referee.py")["compare"]
+    with Path("results/sumo-referee/states.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if abs(float(row["sumo"])) > 2][::40]
+    assert len(rows) > 5
+    for row in rows:
+        repeated = compare(int(row["seed"]), row["driver"], row["model"])
+        assert {name: str(value) for name, value in repeated.items()} == row
