@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq import Demonstrations, RewardPair, UserError, score, weights
+from socialiq import UserError
 from socialiq.evaluation import exact, rollout
 from socialiq.learners import acting, cql
 from socialiq.learners import behaviour_cloning as bc
@@ -34,31 +34,12 @@ from socialiq_lab.jobs import Job, ProgressCallback
 from studies.compare_methods.baselines import clones
 from studies.compare_methods.baselines import offline as values
 from studies.compare_methods.baselines.online import LSIQ, TREX, Inferred, inferring
-from studies.compare_methods.baselines.shared import totals_of
 
 
 def _preset(name: str) -> tuple[dial.DialConfig, dial.DialHyperparameters]:
     """Return the settings of a dial that sees times as they are."""
     preset = dial.PRESETS[name]
     return dataclasses.replace(preset.structure, redraw_times=0), preset.numbers
-
-
-BEST = 3  # one episode in so many is cloned by `clone_of_best`, those with the greatest R(α)
-
-
-def best_episodes(data: Demonstrations, angle: float) -> Demonstrations:
-    """Return the best part of the episodes by R(α) at an angle in degrees, ties included."""
-    scores = score(weights(angle), RewardPair(*totals_of(data).T))
-    above = len(scores) - np.searchsorted(np.sort(scores), scores, side="right")
-    return data.select(np.flatnonzero(BEST * above < len(scores)))
-
-
-def _clone_of_best(arena: Arena, runs: Sequence[Run]) -> list[Any]:
-    """Clone the best episodes of each run's data set at its angle."""
-    pairs = list(dict.fromkeys((run.angle, run.dataset) for run in runs))
-    datasets = [best_episodes(arena.datasets[number], angle) for angle, number in pairs]
-    of_best = [run._replace(dataset=pairs.index((run.angle, run.dataset))) for run in runs]
-    return offline(bc.BehaviourCloning)(dataclasses.replace(arena, datasets=datasets), of_best)
 
 
 def _multi_intention(arena: Arena, runs: Sequence[Run]) -> list[Any]:
@@ -131,7 +112,7 @@ LEARNERS: Mapping[str, Learner] = {
     "clone": offline(bc.BehaviourCloning),
     "clone_by_return": offline(bc.BehaviourCloning, weighted=True),
     "clone_by_advantage": offline(bc.BehaviourCloning, weighted=True, weighted_by="advantage"),
-    "clone_of_best": _clone_of_best,
+    "clone_of_best": runs_of_methods.best_episodes_cloned,
     "dwbc": offline(clones.DiscriminatorWeighted),
     "iq_learn": iq_learn(prior="none"),
     "iq_learn_offline": iq_learn(acts=False, prior="none", online=False, value_term="value_expert"),

@@ -19,7 +19,7 @@ from socialiq.plotting.style import png
 from socialiq.worlds.enumerate import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab.comparison import cells_of, product, setting_name
-from socialiq_lab.comparison_runs import Arena, Run, trained
+from socialiq_lab.comparison_runs import Arena, Run, best_episodes, trained
 from socialiq_lab.comparison_tables import chances, rows_of
 from socialiq_lab.intersection.driving import (
     RECORDED_EPISODES,
@@ -32,7 +32,7 @@ from socialiq_lab.study import run
 from studies.compare_methods import intersection, learners, study
 from studies.compare_methods.baselines.shared import totals_of
 from studies.compare_methods.intersection import METHODS
-from studies.compare_methods.learners import LEARNERS, best_episodes
+from studies.compare_methods.learners import LEARNERS
 from studies.compare_methods.study import ANGLES, TOLD, updates_of
 
 STUDY = find("compare-methods")

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from socialiq import Demonstrations
+from socialiq import Demonstrations, RewardPair, score, weights
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.acting import dials, soft
+from socialiq.learners.behaviour_cloning import BehaviourCloning
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Collector, Source
 from socialiq.learners.dial import config as dial
@@ -193,6 +194,25 @@ def offline(learner: Any, **fixed: Any) -> Learner:
         )
 
     return train
+
+
+BEST = 3  # one episode in so many is cloned by `best_episodes_cloned`, those with the greatest R(α)
+
+
+def best_episodes(data: Demonstrations, angle: float) -> Demonstrations:
+    """Return the best part of the episodes by R(α) at an angle in degrees, ties included."""
+    returns = RewardPair(*(r[data.episode_starts] for r in data.returns("trajectory", 1.0)))
+    scores = score(weights(angle), returns)
+    above = len(scores) - np.searchsorted(np.sort(scores), scores, side="right")
+    return data.select(np.flatnonzero(BEST * above < len(scores)))
+
+
+def best_episodes_cloned(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+    """Clone the best episodes of each run's data set at its angle."""
+    pairs = list(dict.fromkeys((run.angle, run.dataset) for run in runs))
+    datasets = [best_episodes(arena.datasets[number], angle) for angle, number in pairs]
+    of_best = [run._replace(dataset=pairs.index((run.angle, run.dataset))) for run in runs]
+    return offline(BehaviourCloning)(dataclasses.replace(arena, datasets=datasets), of_best)
 
 
 def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:

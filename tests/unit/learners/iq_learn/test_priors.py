@@ -36,6 +36,16 @@ def test_shifted_chi2_by_hand() -> None:
     assert losses.shifted_chi2(REWARD, TARGET, 0.5, 0.5) == pytest.approx(1.5625)
 
 
+def test_trimmed_priors_leave_the_largest_gaps_out() -> None:
+    """(1 - 1)² of two squares at λ = 0.5; a forged label moves the plain prior, not this one."""
+    assert losses.social_prior(REWARD, TARGET, 0.5, trimmed=0.5) == 0.0
+    assert losses.shifted_chi2(REWARD, TARGET, 0.5, 0.5, trimmed=0.4) == pytest.approx(1.5625)
+    rewards = jnp.linspace(-1.0, 1.0, 8)
+    forged = rewards.at[3].set(50.0)
+    slope = jax.grad(lambda r: losses.social_prior(r, forged, 1.0, trimmed=0.2))(rewards)
+    assert not slope.any() and losses.social_prior(rewards, forged, 1.0) > 100.0
+
+
 def test_demonstration_weights_by_hand() -> None:
     """exp of (0, ln 2) at τ_w = 1 and (0, 2 ln 2) at τ_w = 0.5; the last is not allowed."""
     target, allowed = jnp.array([0.0, jnp.log(2.0), 50.0]), jnp.array([True, True, False])

@@ -70,6 +70,9 @@ class IQLearnConfig(settings.LearnerConfig, settings.Replay):
     to (Al-Hafez et al. 2023)."""
     shift_term_3: bool = False
     """With prior "bellman_shift": whether term 3 sees the shifted reward too (see App. B.1)."""
+    trimmed: Share = 0.0
+    """Share of a batch's rows with the largest gaps that the priors reward and shifted_chi2 leave
+    out, for labels that may be forged and can't be recomputed."""
     form: Literal["plain", "dueling"] = "plain"
     """Network of Q: plain, or dueling: V(s) and log π of networks of their own."""
     endings: Endings = Endings()

@@ -213,9 +213,14 @@ def chi2_term(reward: Column, chi2_alpha: Scalar | float) -> Scalar:
     return jnp.mean(jnp.square(reward)) / (4.0 * chi2_alpha)
 
 
-def social_prior(reward: Column, target: Column, strength: Scalar | float) -> Scalar:
-    """L_reg = E_E[(r̂ - λ R(α))²] (Eq 4.4)."""
-    return jnp.mean(jnp.square(reward - strength * target))
+def social_prior(
+    reward: Column, target: Column, strength: Scalar | float, trimmed: float = 0.0
+) -> Scalar:
+    """L_reg = E_E[(r̂ - λ R(α))²] (Eq 4.4), without a share of a batch's largest squares."""
+    squares = jnp.square(reward - strength * target)
+    if trimmed > 0.0:  # least trimmed squares (Rousseeuw 1984): labels that fit nothing don't count
+        squares = jnp.sort(squares)[: squares.size - int(trimmed * squares.size)]
+    return jnp.mean(squares)
 
 
 def bellman_shift(reward: Column, target: Column, strength: Scalar | float) -> Column:
@@ -228,14 +233,18 @@ def bellman_shift(reward: Column, target: Column, strength: Scalar | float) -> C
 
 
 def shifted_chi2(
-    reward: Column, target: Column, strength: Scalar | float, chi2_alpha: Scalar | float
+    reward: Column,
+    target: Column,
+    strength: Scalar | float,
+    chi2_alpha: Scalar | float,
+    trimmed: float = 0.0,
 ) -> Scalar:
     """E[(r̂ - λ R(α))²] / (4 α_χ): term 3 itself centred on the social score.
 
     One quadratic instead of Eq 4.5's two, whose sum is itself such a quadratic: with
     c = 1/(4 α_χ), c r̂² + w (r̂ - λR)² = (c + w) (r̂ - λR w/(c + w))² + constant.
     """
-    return jnp.mean(jnp.square(reward - strength * target)) / (4.0 * chi2_alpha)
+    return social_prior(reward, target, strength, trimmed) / (4.0 * chi2_alpha)
 
 
 def demonstration_weights(

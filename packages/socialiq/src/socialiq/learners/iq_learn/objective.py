@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -124,12 +125,13 @@ def terms_of(
         terms["value"] = losses.value_term(*values, hyperparameters.discount)
     if static.prior == "shifted_chi2":
         alpha = hyperparameters.chi2_alpha
-        gap = losses.shifted_chi2(reward[rows], target[rows], strength, alpha)
+        gap = losses.shifted_chi2(reward[rows], target[rows], strength, alpha, static.trimmed)
         return terms | {"prior": hyperparameters.prior_weight * gap}
     if static.divergence == "chi2" and functions.divergence is None:
         bounded = shifted if static.shift_term_3 else reward
         terms["chi2"] = losses.chi2_term(bounded[rows], hyperparameters.chi2_alpha)
     if static.prior == "reward":
-        gap = (functions.prior or losses.social_prior)(reward[expert], target[expert], strength)
+        prior = functions.prior or partial(losses.social_prior, trimmed=static.trimmed)
+        gap = prior(reward[expert], target[expert], strength)
         terms["prior"] = hyperparameters.prior_weight * gap
     return terms
