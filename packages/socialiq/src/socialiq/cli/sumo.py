@@ -66,12 +66,9 @@ class WorldSumo(Printing):
     def unused(self, scene: Scene) -> list[str]:
         """Return what the world leaves out of the network, and why."""
         network = scene.network
-        walks = [name for name, edge in network.edges.items() if "pedestrian" in edge.classes]
+        walking = "netconvert --sidewalks.guess --crossings.guess"
         notes = {
-            "pedestrians: there is no sidewalk (netconvert --sidewalks.guess)": not walks,
-            "pedestrians: there is no crossing (netconvert --crossings.guess)": not (
-                any(network.crossings.values())
-            ),
+            f"pedestrians: sidewalks or crossings are missing ({walking})": not network.walks(),
             "bicycles: no way of theirs leads through": not scene.pairs["bicycle"],
             "traffic lights: others obey them, policies don't observe them": any(
                 kind.startswith("traffic_light") for kind, _ in network.junctions.values()

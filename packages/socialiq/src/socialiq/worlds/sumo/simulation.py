@@ -10,7 +10,7 @@ import contextlib
 import io
 import math
 import tempfile
-from collections.abc import Sequence
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,7 +56,7 @@ class Body(NamedTuple):
 class Moved(NamedTuple):
     """Motion of others in a decision, by name."""
 
-    metres: dict[str, float]
+    metres: Counter[str]  # of floats
     hardest: dict[str, float]  # least acceleration, m/s²
     arrived: set[str]
 
@@ -112,7 +112,9 @@ class Episode:
         self._begin(with_ego=False)
         seconds = [self._second()[0] for _ in range(self.horizon)]
         self.alone = [second.by_class() for second in seconds]
-        self.without = _sums(seconds)
+        self.without = Counter()
+        for second in seconds:
+            self.without.update(second.metres)
         self.left = set().union(*(second.arrived for second in seconds))
         self._begin(with_ego=True)
 
@@ -141,9 +143,9 @@ class Episode:
             if abs(ahead) < _CLEARED and name != EGO:
                 sumo.vehicle.remove(name)
         self._speeds, self._wrecks = dict[str, float](), dict[str, float]()
-        self.driven, self._target, self._advance = dict[str, float](), 0.0, 0.0
+        self.driven, self._target, self._advance = Counter(), 0.0, 0.0
         self._partner = ""
-        self._step(Moved({}, {}, set()))
+        self._step(Moved(Counter(), {}, set()))
         if with_ego:
             if EGO not in self._speeds:
                 raise UserError(f"SUMO lets no ego in on {edge}: choose another start")
@@ -153,7 +155,7 @@ class Episode:
 
     def step(self, action: int) -> Result:
         """Take a decision: 0 slower, 1 idle, 2 faster."""
-        if not self.holds:
+        if _holder[0] is not self:
             taken, self.actions = self.actions, []
             self._begin(with_ego=True)
             for earlier in taken:
@@ -163,7 +165,8 @@ class Episode:
         moved, closest, contact = self._second(driving=True)
         self.actions.append(action)
         now, before = len(self.actions), self._advance
-        self._advance = self._distance()
+        if EGO in self._speeds:
+            self._advance = self.sumo.vehicle.getDistance(EGO)
         ending = self._ending(contact)
         self.bodies = self._bodies()
         speed = self.bodies[0].speed
@@ -176,11 +179,6 @@ class Episode:
         advance = self._advance - before
         return Result(ending, contact, self._partner, advance, speed, caused, closest)
 
-    @property
-    def holds(self) -> bool:
-        """Whether the process' simulation is at this episode."""
-        return bool(_holder) and _holder[0] is self
-
     def _next_speed(self, change: int) -> float:
         """Return the target speed so many steps from the one nearest to the present speed."""
         speeds = self.scene.options.road.target_speeds
@@ -189,7 +187,7 @@ class Episode:
 
     def _second(self, driving: bool = False) -> tuple[Moved, np.ndarray, Contact]:
         """Play a second; return what others did, the closest encounters, and the ego's contact."""
-        moved, closest = Moved({}, {}, set()), np.zeros(len(CLASSES))
+        moved, closest = Moved(Counter(), {}, set()), np.zeros(len(CLASSES))
         contact, numbers = Contact.NONE, {kind: n for n, kind in enumerate(CLASSES)}
         for _ in range(STEPS):
             if driving and contact == Contact.NONE and EGO in self._speeds:
@@ -214,7 +212,7 @@ class Episode:
         self._speeds |= {name: sumo.person.getSpeed(name) for name in sumo.person.getIDList()}
         for name, speed in self._speeds.items():
             if name != EGO:
-                moved.metres[name] = moved.metres.get(name, 0.0) + speed / STEPS
+                moved.metres[name] += speed / STEPS
                 rate = (speed - before.get(name, speed)) * STEPS
                 hardest = moved.hardest.get(name, 0.0)
                 moved.hardest[name] = hardest if name in self._wrecks else min(hardest, rate)
@@ -223,11 +221,9 @@ class Episode:
     def _caused(self, number: int, moved: Moved) -> Float[np.ndarray, "class 2"]:
         """Return metres lost and hard brakings of a decision, and note what others drove."""
         for name in moved.arrived & self.left:  # who leaves in both worlds drove as far
-            driven = self.driven.get(name, 0.0)
-            moved.metres[name] = self.without[name] - driven
+            moved.metres[name] = self.without[name] - self.driven[name]
             moved.hardest.setdefault(name, 0.0)
-        for name, metres in moved.metres.items():
-            self.driven[name] = self.driven.get(name, 0.0) + metres
+        self.driven.update(moved.metres)
         alone, together = self.alone[number], moved.by_class()
         return np.stack([alone[:, 0] - together[:, 0], together[:, 1] - alone[:, 1]], axis=1)
 
@@ -244,11 +240,6 @@ class Episode:
                 struck = collision.collider == EGO
                 return Contact.EGO_STRUCK if struck else Contact.EGO_WAS_STRUCK
         return Contact.NONE
-
-    def _distance(self) -> float:
-        if EGO not in self._speeds:
-            return self._advance
-        return self.sumo.vehicle.getDistance(EGO)
 
     def _ending(self, contact: Contact) -> Ending:
         if contact != Contact.NONE:
@@ -318,15 +309,6 @@ class Episode:
         seen = [body for body in self.bodies if class_of(body.name) != "pedestrian"]
         me = seen[0]
         along = [body.x * me.along_x + body.y * me.along_y for body in seen]
-        view = along, 0.0, SIGHT.view(np.recarray)[0], 0
+        view = along, 0.0, SIGHT.view(np.recarray)[0], 0, len(rows)
         observe(seen, len(seen), 0, view, rows)
         return rows.ravel()
-
-
-def _sums(seconds: Sequence[Moved]) -> dict[str, float]:
-    """Return the metres of all seconds by name."""
-    totals = dict[str, float]()
-    for second in seconds:
-        for name, metres in second.metres.items():
-            totals[name] = totals.get(name, 0.0) + metres
-    return totals
