@@ -68,7 +68,7 @@ def schedule(episode, vehicles, settings):
         person.time_headway = max(gap, settings.least_gap)
         person.speed, person.steering, person.crashed = 0.0, 0.0, False
         person.along_x, person.along_y = _COS[arm] * way, _SIN[arm] * way
-        person.heading = math.atan2(person.along_y, person.along_x)
+        person.heading = math.pi / 2 * (arm + 1 - way)
         person.x = -_COS[arm] * way * KERB - _SIN[arm] * MIDDLE
         person.y = -_SIN[arm] * way * KERB + _COS[arm] * MIDDLE
         renew(person)
