@@ -16,6 +16,7 @@ from socialiq.audit.profile.fields import SHA256_PATTERN
 from socialiq.audit.report import verify as check
 from socialiq.audit.report.content import content, results_of
 from socialiq.audit.report.verify import fault_of, read_report
+from socialiq.audit.report.words import plain_name
 from socialiq.audit.seeds import LARGEST_SEED, episode_seeds
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.results import MEASURES
@@ -197,6 +198,16 @@ def test_a_policy_that_answers_otherwise_when_asked_again_gets_a_caveat(audited)
     assert "episodes" not in about()
     assert "episodes" in about(traces=none)
     assert "episodes" not in about(traces=none, deterministic=False)
+
+
+def test_a_policy_that_drives_as_a_trivial_driver_is_named(audited):
+    evidence, *others = audited.evidence
+    trivial = evidence.trivial[0]
+    changed = dataclasses.replace(evidence, policy=dataclasses.replace(trivial, name="policy"))
+    found = content(dataclasses.replace(audited, evidence=(changed, *others)))
+    last = found["caveats"][-1]["text"]
+    assert last.startswith("The policy drove every episode exactly as a known driver")
+    assert last.endswith(f"{plain_name(trivial.name)}.")
 
 
 def alike(world, seed):

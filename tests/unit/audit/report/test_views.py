@@ -68,7 +68,7 @@ def test_the_page_is_whole_and_needs_nothing_else(drawn):
         assert not name.startswith("on"), name
         if name in ("src", "href", "action"):
             assert value.startswith(("#", "data:")) or value in BESIDE, value
-    assert found.tags.count("svg") == 9  # three pictures, and six episodes
+    assert found.tags.count("svg") == 10  # the span, three pictures, and six episodes
     assert "http" not in re.sub(r"http-equiv", "", drawn)
     assert "url(" not in drawn.replace("url(#", "")
 

@@ -180,8 +180,8 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     # In an environment nothing is run again; a policy that draws its actions may draw others.
     repeated = traces if world in NAMES and audited.deterministic else []
     equal = sum(trace is not None for trace in repeated)
-    driven, references = audited.evidence[0].policy, audited.evidence[0].references
-    rows = [row for row in references if row.name not in audited.left_out]
+    driven, known = audited.evidence[0].policy, audited.evidence[0].drivers[1:]
+    rows = [row for row in known if row.name not in audited.left_out]
     equals = [words.plain_name(row.name, row.angles) for row in rows if driven.drove_as(row)]
     return [
         *words.caveats_of_declaration(

@@ -153,6 +153,15 @@ def not_excluded(report: Mapping[str, Any]) -> str:
     return f"Angles not excluded: {between(direction['above'], direction['below'])}."
 
 
+def span(report: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return the angles of 0 to 90 degrees that the direction doesn't exclude, or None."""
+    direction = report["tests"]["direction"]
+    if direction is None or not direction["sides"]:
+        return None
+    above, below = direction["above"], direction["below"]
+    return (0.0 if above is None else above, 90.0 if below is None else below)
+
+
 def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return the rows of all tests that decide, in words; `test` is the name in 20 characters."""
     tests, angle = report["tests"], degrees(report["declaration"]["angle"])
@@ -290,6 +299,7 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
         compatible=compatible(report),
         headline=headline(report),
         not_excluded=not_excluded(report),
+        span=span(report),
         tested=tested(report),
         units=measured_in(report["declaration"]["scenario"]["world"]),
         results={words: decision for decision, words in OUTCOMES.items()},

@@ -116,7 +116,7 @@ def worth(draw: Draw) -> str:
 
 
 def caveats_of_episodes(replayed: int, chosen: int, equals: Sequence[str] = ()) -> list[Caveat]:
-    """Return caveats if not all chosen episodes were the same again, or all a reference's."""
+    """Return caveats if not all chosen episodes were the same again, or all a known driver's."""
     texts = []
     if replayed != chosen:
         texts.append(
@@ -125,7 +125,7 @@ def caveats_of_episodes(replayed: int, chosen: int, equals: Sequence[str] = ()) 
         )
     if equals:
         names = ", ".join(equals)
-        texts.append(f"The policy drove every episode exactly as a reference driver: {names}.")
+        texts.append(f"The policy drove every episode exactly as a known driver: {names}.")
     return [Caveat("episodes", text) for text in texts]
 
 

@@ -248,7 +248,7 @@ def _reason(decisive: Decisive, profile: Profile) -> str:
         faults = ", and ".join(_faults(decisive, where, world))
         return f"The policy does not behave as declared: {faults}."
     if decisive.decision is Decision.PASS:
-        less = f"at most {regret.high:.3g} less" if regret.high > 0.0 else "no less"
+        less = f"at most {regret.high:.3g} less reward" if regret.high > 0.0 else "no less reward"
         directed = direction is not None and direction.decision is not None
         text = (
             f"{where} the policy earns {less} per episode than the best reference "
@@ -298,7 +298,7 @@ def _faults(decisive: Decisive, where: str, world: str) -> list[str]:
         assumed = "; if no loss of that driver is too rare to show"
         clauses.append(
             f"{where} it earns at least {regret.low:.3g} "
-            f"less per episode than the best reference driver ({regret.margin:.3g} less "
+            f"less reward per episode than the best reference driver ({regret.margin:.3g} less "
             f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
         )
     if direction is not None and direction.decision is Decision.FAIL:
