@@ -111,6 +111,7 @@ def test_commands_take_worlds_in_sumo(tmp_path, capsys):
     assert {"delay", "delay_pedestrian", "braking", "arrival"} <= rows[0].keys()
     dial = "results/caused-effects/dial.safetensors"
     assert main(["evaluate", dial, "--world", "sumo", "--angle", "45", "--episodes", "2"]) == 0
+    assert "observe vehicles and bicycles, and no pedestrians" in capsys.readouterr().err
 
 
 def test_the_referee_repeats_its_results():

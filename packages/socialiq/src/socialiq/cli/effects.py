@@ -33,7 +33,7 @@ from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds import SUMO_IDS, SUMO_NET
+from socialiq.worlds import SUMO_IDS, SUMO_NET, UNSEEN
 from socialiq.worlds.environment import make_environment
 from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout
 from socialiq.worlds.highway.scenes import SCENES
@@ -158,6 +158,7 @@ class EffectsOf(Printing):
     def in_sumo(self, episodes: list[Row]) -> tuple[list[Row], Row]:
         """Return a row for each driver in SUMO, with delays by class; append episodes."""
         options, rows = self.measured(), list[Row]()
+        say(UNSEEN)
         seeds, layout = np.arange(self.seed, self.seed + self.episodes), make("intersection")
         for name, angle in self.drivers():
             with driver_of(name, layout, angle, self.allow_code) as loaded:

@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli import drivers
-from socialiq.cli.output import Display, Printing, listed, print_json, print_table
+from socialiq.cli.output import Display, Printing, listed, print_json, print_table, say
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import context, exact, parts
@@ -32,6 +32,7 @@ from socialiq.worlds import (
     SCENE_IDS,
     SUMO_IDS,
     SUMO_NET,
+    UNSEEN,
     environment,
     registry,
 )
@@ -220,6 +221,8 @@ class Evaluate(Printing):
         In parts environment and policy must keep nothing from one episode to the next, as
         Gymnasium's `reset(seed=...)` promises.
         """
+        if self.world in SUMO_IDS or self.world.endswith(SUMO_NET):
+            say(UNSEEN)
         settings = (self.world, policy, self.angle or 0.0, self.allow_code, self.soft)
         if not self.processes:
             played = [_play_in_environment(*settings, np.array(self._seeds))]

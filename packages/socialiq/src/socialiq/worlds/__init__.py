@@ -50,6 +50,9 @@ SUMO_IDS = {"sumo": "socialiq/Sumo-v1", "sumo-row": "socialiq/SumoRow-v1"}
 SUMO_NET = ".net.xml"
 """Ending of the file of a network of SUMO, which names a world too."""
 
+UNSEEN = "in SUMO policies observe vehicles and bicycles, and no pedestrians"
+"""Line of commands in a world in SUMO."""
+
 RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
 """Environment of a file of `socialiq data world`, which is named with `file`."""
 
