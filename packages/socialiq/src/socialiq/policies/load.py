@@ -109,7 +109,7 @@ def _load_file(
     content = read_content(path)
     if suffix == ".zip":
         places = (path.parent, path.with_suffix(""))
-        beside = [file.name for place in places for file in place.glob("*vecnormalize*")]
+        beside = [file.name for place in places for file in place.glob("*[vV]ec*[nN]ormalize*")]
         kind, (policy, details) = "sb3", read_sb3(content, source, world, *beside[:1])
     elif suffix == ".onnx":
         kind, (policy, details) = "onnx", read_onnx(content, source, world)
