@@ -5,7 +5,7 @@ same episode without the ego shows that it caused; `evaluation.effects` measures
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 
 from socialiq.cli.drivers import driver_of
 from socialiq.errors import one_of
-from socialiq.evaluation import road_training
 from socialiq.evaluation.effects import Effects, expected_delay, measure
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
@@ -37,9 +36,8 @@ from socialiq_lab.intersection.driving import (
     seeds_of_blocks,
 )
 from socialiq_lab.intersection.training import (
-    Checks,
-    DialIterationRun,
     MixtureRuns,
+    iteration_runs,
     train_dial_by_iteration,
     train_runs,
 )
@@ -166,24 +164,9 @@ def jobs(config: Config) -> list[Job]:
     for name in config.drivers:
         one_of("driver", name, (*Intersection.drivers, *atlas.names()))
     listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
-    # A smaller budget than that of `train improve-dial`.
-    structure = replace(
-        road_training.ITERATION,
-        updates=config.updates,
-        batch_size=256,
-        first_rounds=4,
-        states_per_update=config.states_per_update,
-    )
-    numbers = replace(road_training.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
-    for seed in config.seeds:
-        run = DialIterationRun(
-            structure=structure,
-            numbers=replace(numbers, seed=seed),
-            checks=Checks(times=2, episodes=100),
-            effects=config.effects,
-        )
-        inputs = ("dials/start",)
-        listed.append(Job(f"training/{seed}", train_dial_by_iteration, run, inputs, 600.0))
+    for run in iteration_runs(config, first_rounds=4, times=2, effects=config.effects):
+        name, inputs = f"training/{run.numbers.seed}", ("dials/start",)
+        listed.append(Job(name, train_dial_by_iteration, run, inputs, 600.0))
     demonstrations = atlas_demonstrations(config.demonstrated, config.effects)
     listed.append(demonstrations)
     offline_dial = OfflineDialConfig(updates=config.offline_updates)

@@ -5,13 +5,12 @@ the second one improved in fleets that it drives against itself.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from socialiq.evaluation import road_training
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.population import fleet, norms
@@ -23,7 +22,7 @@ from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped, seeds_of_blocks
-from socialiq_lab.intersection.training import Checks, DialIterationRun, train_dial_by_iteration
+from socialiq_lab.intersection.training import iteration_runs, train_dial_by_iteration
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 
@@ -132,24 +131,9 @@ def world_of(config: Meeting | RuleFleets) -> RoadWorld:
 def jobs(config: Config) -> list[Job]:
     """Return the jobs: train by self-play, and drive every dial in each density."""
     listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
-    structure = replace(
-        road_training.ITERATION,
-        updates=config.updates,
-        batch_size=256,
-        first_rounds=2,
-        states_per_update=config.states_per_update,
-    )
-    numbers = replace(road_training.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
-    for seed in config.seeds:
-        run = DialIterationRun(
-            structure=structure,
-            numbers=replace(numbers, seed=seed),
-            checks=Checks(times=1, episodes=100),
-            agents=config.agents,
-        )
-        listed.append(
-            Job(f"training/{seed}", train_dial_by_iteration, run, ("dials/effects",), 900.0)
-        )
+    for run in iteration_runs(config, first_rounds=2, times=1, agents=config.agents):
+        name, inputs = f"training/{run.numbers.seed}", ("dials/effects",)
+        listed.append(Job(name, train_dial_by_iteration, run, inputs, 900.0))
     for name, source in _dials(config):
         for number, spawn_probability in enumerate(config.spawn_probabilities):
             invaders = 0 if number or name not in (*SHIPPED, _first(config)) else config.invaders

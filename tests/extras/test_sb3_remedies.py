@@ -108,7 +108,12 @@ def test_rewards_alone_may_be_normalised():
 
 @pytest.mark.parametrize(
     "place",
-    ["vecnormalize.pkl", "x_vecnormalize_64_steps.pkl", "dqn/vec_normalize.pkl", "VecNormalize.pkl"],
+    [
+        "vecnormalize.pkl",
+        "x_vecnormalize_64_steps.pkl",
+        "dqn/vec_normalize.pkl",
+        "VecNormalize.pkl",
+    ],
 )
 def test_statistics_beside_a_zip_that_shows_nothing_refuse_it(place):
     model, env = trained("DQN", learning_starts=10, buffer_size=100)

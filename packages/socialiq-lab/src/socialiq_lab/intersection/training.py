@@ -6,8 +6,8 @@ of which its fingerprint is made (`socialiq_lab.jobs`).
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -219,6 +219,23 @@ class DialIterationRun:
     """Of a training by what the ego causes, in the place of Eq 4.2."""
     agents: int = 1
     """Vehicles of an episode that the dial drives against itself; see `road.fleet_labeller`."""
+
+
+def iteration_runs(
+    config: Any, first_rounds: int, times: int, **settings: Any
+) -> Iterator[DialIterationRun]:
+    """Yield a run for each seed of a study, of a smaller budget than `train improve-dial` has."""
+    structure = replace(
+        road.ITERATION,
+        updates=config.updates,
+        batch_size=256,
+        first_rounds=first_rounds,
+        states_per_update=config.states_per_update,
+    )
+    numbers = replace(road.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
+    checks = Checks(times=times, episodes=100)
+    for seed in config.seeds:
+        yield DialIterationRun(structure, replace(numbers, seed=seed), checks, **settings)
 
 
 def train_dial_by_iteration(

@@ -70,7 +70,8 @@ def rest_point(
     for step in range(_STEPS):
         expected = payoffs @ shares.sum(axis=0)
         if step % 100 == 0:
-            means = _group_means(shares, expected)
+            sums = shares.sum(axis=1)
+            means = shares @ expected / np.where(sums > 0.0, sums, 1.0)
             gains = np.where(is_open[present], expected - means[present, None], -np.inf)
             if gains.max() < _REGRET * scale:
                 break
@@ -100,10 +101,3 @@ def mandate(
     reaches = np.array(angles) >= minimum
     is_open = np.stack([reaches, np.ones(len(angles), dtype=bool)])
     return rest_point(payoffs, is_open, (obeyed, 1.0 - obeyed))
-
-
-def _group_means(
-    shares: Float[np.ndarray, "group angle"], expected: Float[np.ndarray, " angle"]
-) -> Float[np.ndarray, " group"]:
-    sums = shares.sum(axis=1)
-    return shares @ expected / np.where(sums > 0.0, sums, 1.0)

@@ -170,7 +170,10 @@ def judge(
         rule: np.bincount(choice, minlength=settings) / resamples
         for rule, choice in choices.items()
     }
-    return Judgement(worth.mean(axis=1), low, high, _is_dominated(means).mean(axis=0), shares)
+    rows, columns = means[:, :, None], means[:, None]
+    dominates = np.all(columns >= rows, axis=3) & np.any(columns > rows, axis=3)
+    dominated = np.any(dominates, axis=2).mean(axis=0)
+    return Judgement(worth.mean(axis=1), low, high, dominated, shares)
 
 
 def choose(
@@ -211,12 +214,3 @@ def _blocks(episodes: int, resamples: int, seed: int) -> Iterator[np.ndarray]:
     """Yield rows of resamples in blocks that keep the utilities of a block below 100 MB."""
     for rows in resample_rows(episodes, resamples, seed):
         yield from np.array_split(rows, max(1, rows.size // 100_000))
-
-
-def _is_dominated(
-    means: Float[np.ndarray, "resample setting stakeholder"],
-) -> np.ndarray:
-    """Return whether another setting is at least as good for all, and better for one."""
-    rows, columns = means[:, :, None], means[:, None]
-    dominates = np.all(columns >= rows, axis=3) & np.any(columns > rows, axis=3)
-    return np.any(dominates, axis=2)
