@@ -47,7 +47,7 @@ def test_too_short_a_view_demonstrates_nothing(crossing):
 
 
 def test_simulated_traffic_starts_as_recorded(made):
-    states = compare.run(made.world, 0, 20, 0)
+    states, _ = compare.run(made.world, 0, 20, 0)
     road = made.world.road
     for vehicle in range(3):
         first = road.state[road.state_first[vehicle]]

@@ -38,6 +38,9 @@ GROUPS = dict.fromkeys(RoadUser, "vehicle") | {
 }
 """Groups of classes of which effects are counted, by class."""
 
+PEOPLE = (RoadUser.PEDESTRIAN, RoadUser.BICYCLE)
+"""Classes that are replayed among simulated vehicles, and whose sizes are typical, no boxes."""
+
 STATES: dict[str, type[np.generic]] = {
     "track": np.int32,
     "frame": np.int32,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tyro
 
 from socialiq.cli.output import print_json, print_table, say
@@ -20,6 +21,7 @@ from socialiq.types import Ending, Row
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq_recordings import census
 from socialiq_recordings.cli.files import OfRecordings, load_all, remark, users_used
+from socialiq_recordings.recording import PEOPLE
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.build import Made, build
 from socialiq_recordings.world.recorded_world import LEVELS, Lights, WorldConfig
@@ -256,10 +258,13 @@ class TakeCensus(OfRecordings):
 def _users(built: Made, once: bool = True) -> list[Row]:
     """Return the numbers of road users that the recordings have and that are used.
 
-    With `once`, only one track of a vehicle that several recordings show at the same moments is.
+    With `once`, drivers alone, and only one track of a vehicle that several recordings show at the
+    same moments; without, also the people who are replayed.
     """
     used = [
-        {*of.ways} & kept if once else {*of.ways}
+        {*of.ways} & kept
+        if once
+        else {*of.ways, *np.flatnonzero(np.isin(of.scene.tracks.road_user, PEOPLE)).tolist()}
         for kept, of in zip(built.kept, built.every, strict=True)
     ]
     why = "seen once, or beside the lanelets of the map"

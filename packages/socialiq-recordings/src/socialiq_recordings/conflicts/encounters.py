@@ -22,7 +22,7 @@ from socialiq.errors import UserError
 from socialiq.physics import wrapped
 from socialiq_recordings.conflicts import ways as motion
 from socialiq_recordings.conflicts.ways import InTime, Occupancy, Way
-from socialiq_recordings.recording import RoadUser
+from socialiq_recordings.recording import PEOPLE, RoadUser
 from socialiq_recordings.road.network import Conflict, Lanes, shapely
 from socialiq_recordings.road.paths import Polyline
 from socialiq_recordings.road.routes import OFF_THE_MAP, Scene
@@ -53,8 +53,6 @@ CROSSING = 30.0
 (Gettman et al. 2008, FHWA-HRT-08-051: below 30 degrees a conflict is of the kind rear end)."""
 
 NEAR = 50.0  # m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²
-NOMINAL = (RoadUser.BICYCLE, RoadUser.PEDESTRIAN)
-"""Classes whose sizes are typical and no measured boxes: no slack is taken off them."""
 
 _LEAST = 0.1  # m²; smaller areas are errors of the lines
 _SEPARATE = 2.5  # m; vehicles that merge came from further beside each other than this
@@ -267,7 +265,7 @@ class Encounters:
                 return None  # most pairs end here
             users = self.scene.tracks.road_user
             for way in (way for way in ways if way.track not in self._swept):
-                nominal = users[way.track] in NOMINAL
+                nominal = users[way.track] in PEOPLE  # no slack off sizes that are typical
                 width = max(way.width - (0.0 if nominal else self.config.slack), 0.1)
                 line = shapely().linestrings(way.line.points)
                 swept = line.buffer(width / 2, cap_style="flat", join_style="round")

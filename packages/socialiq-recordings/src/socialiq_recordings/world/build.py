@@ -11,7 +11,7 @@ from socialiq_recordings.conflicts.encounters import Area, ConflictConfig, Encou
 from socialiq_recordings.conflicts.measures import sign, turn
 from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.identity.identify import Identified, identify, once, same_moments
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import PEOPLE, Recording
 from socialiq_recordings.road.network import Conflict
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.signs_of_simulation import signs_of_simulation
@@ -131,17 +131,21 @@ def _arrays(
     columns["drivers"].append(np.array(calibration.drivers))
     for encounters, tracks in zip(every, counted, strict=True):
         _append(columns, encounters, tracks, calibration.lateral, config)
-    for name in ("line", "state", "closed"):
+    for name in ("line", "state", "closed", "person_state"):
         columns[f"{name}_first"] = [len(rows) for rows in columns[name]]
     arrays = {}
     for name, values in columns.items():
         dtype, shape = LAYOUT[name]
-        if name in ("line", "state", "stretch", "closed", "drivers", "area_of", "stretch_first"):
+        if name in _PARTS:
             array = np.concatenate([np.zeros((0, *shape)), *values]).astype(dtype)
         else:
             array = np.array(values, dtype).reshape(-1, *shape)
         arrays[name] = np.append(0, array.cumsum()) if name.endswith("_first") else array
     return arrays
+
+
+_PARTS = ("line", "state", "stretch", "closed", "drivers", "area_of", "stretch_first")
+_PARTS += ("person_class", "person_size", "person_state")
 
 
 def _append(
@@ -195,8 +199,26 @@ def _append(
         columns["arrival"].append(arrival)
     columns["area_of"].append(area_of.ravel())
     columns["stretch_first"].append(lengths.ravel())
+    _append_people(columns, encounters.scene, first_frame)
     columns["recording_first"].append(len(ways))
     columns["pair_first"].append(len(ways) ** 2)
+
+
+def _append_people(columns: dict[str, list[Any]], scene: Scene, first_frame: int) -> None:
+    """Append the pedestrians and cyclists of a recording."""
+    tracks = scene.tracks
+    people = np.flatnonzero(np.isin(tracks.road_user, PEOPLE)).tolist()
+    for rows in map(scene.rows, people):
+        times = (tracks.frame[rows] - first_frame) * tracks.dt
+        heading = np.unwrap(tracks.heading[rows])
+        speed = np.hypot(tracks.vx[rows], tracks.vy[rows])
+        states = tracks.x[rows], tracks.y[rows], heading, speed
+        step, at = lines.sub_steps_of(times)
+        columns["person_step"].append(step)
+        columns["person_state"].append(np.column_stack([np.interp(at, times, s) for s in states]))
+    columns["person_class"].append(tracks.road_user[people])
+    columns["person_size"].append(np.column_stack([tracks.length[people], tracks.width[people]]))
+    columns["person_first"].append(len(people))
 
 
 _MINOR = ("yield", "stop")

@@ -40,7 +40,7 @@ def simulate(built: Made, seed: int, repeats: int = 1) -> Observed:
     first. Vehicles that count once in the recordings count once here.
     """
     every, counted = [], []
-    for recording, tracks, ways in _simulated(built, seed, repeats):
+    for recording, tracks, ways, _ in _simulated(built, seed, repeats):
         scene = Scene(Recording(tracks, built.every[recording].scene.lanes.road))
         every.append(built.every[recording].moved(scene, ways))
         counted.append({ways[track].track for track in built.kept[recording] if track in ways})
@@ -52,39 +52,46 @@ def contacts(built: Made, seed: int, repeats: int = 1) -> Row:
 
     No vehicle of these simulations is an ego, whose contacts alone end episodes. Vehicles are
     smaller by the world's `slack` than recorded, as for an ego. `deepest_contact` is of two
-    rectangles, m.
+    rectangles, m. Where people were recorded, their number and that of vehicles that touch one.
     """
-    vehicles, pairs, deepest = 0, 0, 0.0
-    for _, tracks, _ in _simulated(built, seed, repeats):
+    vehicles, pairs, hits, deepest = 0, 0, 0, 0.0
+    for _, tracks, _, hit in _simulated(built, seed, repeats):
         slack = built.world.config.slack
         length, width = (np.maximum(side - slack, 0.1) for side in (tracks.length, tracks.width))
         met = overlaps(dataclasses.replace(tracks, length=length, width=width))
-        vehicles += tracks.n_tracks
+        vehicles, hits = vehicles + tracks.n_tracks, hits + hit
         pairs += len({*zip(tracks.track[met.first], tracks.track[met.second], strict=True)})
         deepest = max(deepest, float(met.depth.max(initial=0.0)))
-    return {"vehicles": vehicles, "pairs_in_contact": pairs, "deepest_contact": deepest}
+    counts: Row = {"vehicles": vehicles, "pairs_in_contact": pairs, "deepest_contact": deepest}
+    people = len(built.world.road.person_class)
+    return counts | ({"people": people * repeats, "hit_a_person": hits} if people else {})
 
 
 def _simulated(
     built: Made, seed: int, repeats: int
-) -> Iterator[tuple[int, Tracks, dict[int, Way]]]:
-    """Yield each recording's number, and what `_moved` returns of a simulation as long as it."""
+) -> Iterator[tuple[int, Tracks, dict[int, Way], int]]:
+    """Yield each recording's number, what `_moved` returns of a simulation as long as it, and hits.
+
+    Hits are vehicles that touch a person.
+    """
     for repeat in range(repeats):
         for recording, encounters in enumerate(built.every):
             frame, dt = encounters.scene.tracks.frame, encounters.scene.tracks.dt
             seconds = (int(frame.max()) - int(frame.min())) * dt
             steps = int(seconds * SUB_STEPS + 1e-6) + 1
-            moved = _moved(encounters, run(built.world, recording, steps, seed + repeat))
+            states, hits = run(built.world, recording, steps, seed + repeat)
+            moved = _moved(encounters, states)
             if moved is not None:
-                yield recording, *moved
+                yield recording, *moved, hits
 
 
 def run(
     world: RecordedWorld, recording: int, steps: int, seed: int
-) -> Float64[np.ndarray, "step vehicle 2"]:
+) -> tuple[Float64[np.ndarray, "step vehicle 2"], int]:
     """Return coordinates and speeds of a recording's vehicles, all simulated; NaN: not there.
 
-    Sub-steps count from the recording's first frame; `seed` is that of the drivers.
+    With them how many touch a person. Sub-steps count from the recording's first frame; `seed` is
+    that of the drivers.
     """
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
@@ -92,10 +99,11 @@ def run(
     traffic = Traffic.of(world, 1)
     traffic.seed[0] = seed
     states = np.full((1, steps, world.capacity, 2), np.nan)
-    arguments = world.road, traffic, np.array([recording]), states, steps
+    arguments = world.road, traffic, np.array([recording]), states, steps, world.config.slack
     run_in_parts(core.without_ego, 1, 1, *arguments)
     first = world.road.recording_first
-    return states[0, :, : int(first[recording + 1] - first[recording])]
+    vehicles = int(first[recording + 1] - first[recording])
+    return states[0, :, :vehicles], int(traffic.others_hit[0])
 
 
 def _moved(

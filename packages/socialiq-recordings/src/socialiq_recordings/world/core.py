@@ -13,6 +13,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
 from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
 from socialiq_recordings.idm import HARDEST
+from socialiq_recordings.world import people
 from socialiq_recordings.world import traffic as rules
 from socialiq_recordings.world.observation import annotate, observe, others_touched, touched
 from socialiq_recordings.world.traffic import DT, GONE, PRESENT, WAITING, ahead_of
@@ -61,6 +62,7 @@ def populate(road, traffic, row, recording, ego, step):
     traffic.step[row] = traffic.begun[row] = step
     traffic.n_present[row] = 0
     traffic.touched[row, : end - base] = 0
+    traffic.met[row, : end - base] = 0
     for vehicle in range(end - base):
         first, last = road.state_first[base + vehicle], road.state_first[base + vehicle + 1] - 1
         for number in range(len(road.drivers)):
@@ -110,7 +112,11 @@ def enter(road, traffic, row, base, count):
         begin = road.state_first[base + vehicle]
         along, speed = road.state[begin, 0], road.state[begin, 1]
         half, jam = 0.5 * road.length[base + vehicle], traffic.driver[row, vehicle, 2]
-        free = True
+        recording, step = traffic.recording[row], traffic.step[row]
+        gap, pace = people.ahead(road, recording, step, base + vehicle, along)
+        free = gap > jam
+        # It enters no faster than lets it stop behind another.
+        speed = min(speed, math.sqrt(pace**2 + 2.0 * 3.0 * max(gap - jam, 0.0)))
         for slot in range(traffic.n_present[row]):
             present = traffic.present[row, slot]
             along_there, need = (
@@ -122,7 +128,6 @@ def enter(road, traffic, row, base, count):
             if at > along:
                 clear = at - along - need - jam
                 free = free and clear > 0.0
-                # It enters no faster than lets it stop behind the other.
                 reach = traffic.speed[row, present] ** 2 + 2.0 * 3.0 * max(clear, 0.0)
                 speed = min(speed, math.sqrt(reach))
             behind = ahead_of(road.stretch_first, road.stretch, back, along, along_there)
@@ -180,6 +185,7 @@ def decide(road, traffic, results, row, level, settings, slack):
     if len(results.trace):
         snapshot(road, traffic, row, base, count, results.before[row])
     results.contact[row], results.neighbours_collided[row] = _UNTOUCHED, 0
+    traffic.hit[row] = traffic.others_hit[row] = 0
     for frame in range(settings.frames):
         front, now = traffic.along[row, ego] + half, traffic.step[row] * DT
         line = rules.closed_line(road.closed_first, road.closed, vehicle, front, now)
@@ -187,7 +193,10 @@ def decide(road, traffic, results, row, level, settings, slack):
         if len(results.trace):
             snapshot(road, traffic, row, base, count, results.trace[row, frame])
         results.neighbours_collided[row] += others_touched(road, traffic, row, base, slack)
+        traffic.others_hit[row] += people.others_touched(road, traffic, row, base, slack)
         contact = touched(road, traffic, row, base, slack)
+        if contact == _UNTOUCHED:
+            contact = people.touched(road, traffic, row, base, slack)
         if contact != _UNTOUCHED:
             results.contact[row] = contact
             ending = _COLLISION
@@ -258,7 +267,7 @@ def _entries(sources: int):
         return sources
 
     @entry_point
-    def without_ego(road, traffic, recordings, states, steps, first, end):
+    def without_ego(road, traffic, recordings, states, steps, slack, first, end):
         for row in range(first, end):
             populate(road, traffic, row, recordings[row], -1, 0)
             base = road.recording_first[recordings[row]]
@@ -269,6 +278,7 @@ def _entries(sources: int):
                     states[row, step, vehicle, 0] = traffic.along[row, vehicle]
                     states[row, step, vehicle, 1] = traffic.speed[row, vehicle]
                 sub_step(road, traffic, row, base, count, math.nan, 1.0)
+                traffic.others_hit[row] += people.others_touched(road, traffic, row, base, slack)
         return sources
 
     return run, replay, without_ego

@@ -18,7 +18,8 @@ from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kerne
 from socialiq.worlds.highway.core.effects import HARD, encounter, write
 from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, RELATIONS, REPEAT
 from socialiq_recordings.world.core import snapshot, sub_step
-from socialiq_recordings.world.observation import overlap, place_of
+from socialiq_recordings.world.geometry import place_of
+from socialiq_recordings.world.observation import overlap
 from socialiq_recordings.world.traffic import DT, GONE, PRESENT
 
 _ARRIVED, _COLLIDED = int(Ending.ARRIVAL), int(Ending.COLLISION)
@@ -49,7 +50,7 @@ def _mover(road, vehicle, state):
 
 @kernel
 def _struck(road, traffic, at, slack):
-    """Return the vehicle that the ego overlaps, the ego if there is none."""
+    """Return the vehicle that the ego overlaps, the ego if there is none, as beside a person."""
     for slot in range(traffic.n_present[at.row]):
         vehicle = traffic.present[at.row, slot]
         along, there = traffic.along[at.row, at.ego], traffic.along[at.row, vehicle]

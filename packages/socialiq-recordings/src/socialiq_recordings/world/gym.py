@@ -22,6 +22,7 @@ from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SKI
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection.options import settings_of
 from socialiq.worlds.world import Decisions
+from socialiq_recordings.recording import GROUPS, PEOPLE
 from socialiq_recordings.world.recorded_world import AS_DRIVER, SUB_STEPS, VEHICLE, RecordedWorld
 
 if TYPE_CHECKING:
@@ -46,12 +47,15 @@ class Traffic(NamedTuple):
     barrier: np.ndarray  # coordinate of the next leader or closed line, m
     touched: np.ndarray  # 1 if it has driven into another that is no ego, or was driven into
     driver: np.ndarray  # parameters, (row, vehicle, 6)
+    hit: np.ndarray  # class of the person that touches the ego, a `RoadUser`; 0: none
+    others_hit: np.ndarray  # vehicles that touch a person for the first time in the decision
+    met: np.ndarray  # 1 if it has touched a person and is no ego, (row, vehicle)
 
     @staticmethod
     def of(world: RecordedWorld, size: int) -> Traffic:
         """Return empty episodes."""
         vehicles = size, world.capacity
-        by_row = ("recording", "ego", "step", "begun", "n_present")
+        by_row = ("recording", "ego", "step", "begun", "n_present", "hit", "others_hit")
         by_vehicle = ("along", "speed", "before", "rate", "barrier")
         return Traffic(
             seed=np.zeros(size, np.uint64),
@@ -60,6 +64,7 @@ class Traffic(NamedTuple):
             status=np.zeros(vehicles, np.int8),
             **{name: np.zeros(vehicles) for name in by_vehicle},
             touched=np.zeros(vehicles, np.int64),
+            met=np.zeros(vehicles, np.int64),
             driver=np.zeros((*vehicles, len(world.road.drivers))),
         )
 
@@ -171,10 +176,18 @@ class JunctionBatch(RoadBatch):
     def _decisions(self) -> Decisions:
         results = self.buffers
         seen, pair = results.reached.reshape(self.size, -1), RewardPair(*results.rewards.T.copy())
-        signals = self._signals()
+        signals = self._signals() | self._hits()
         touched = results.contact.copy(), results.neighbours_collided.copy()
         ending, speed = results.ending.copy(), results.speed.copy()
         return Decisions(seen.copy(), pair, ending, signals, speed, *touched)
+
+    def _hits(self) -> dict[str, np.ndarray]:
+        """Return the signals of touched people, if the world has any."""
+        if not len(self.world.road.person_class):
+            return {}
+        hits = {f"{GROUPS[kind]}_hit": self.traffic.hit == int(kind) for kind in PEOPLE}
+        hits["others_hit"] = self.traffic.others_hit
+        return {name: column.astype(np.float64) for name, column in hits.items()}
 
     @property
     def _columns(self) -> Any:
@@ -197,7 +210,8 @@ class RecordedJunctionEnv(RoadEnv):
     `info` has `reward_pair` (r_env, r_social), `signals` (every named signal, unweighted), `ending`
     (arrival, collision, timeout, or other: over a closed line), the ego's `speed` in m/s, `contact`
     (which vehicle struck), `neighbours_collided` (number of others that drove into each other), and
-    in that of `reset` the `recording` and `vehicle` of its place.
+    in that of `reset` the `recording` and `vehicle` of its place. Where people were recorded, the
+    signals have `pedestrian_hit` and `bicycle_hit` (whether one touches the ego), and `others_hit`.
 
     Args:
         file: World of `socialiq data world`.
@@ -300,6 +314,12 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
                 dx, dy = -_BAR * math.sin(heading), _BAR * math.cos(heading)
                 ends = [x - dx, x + dx], [y - dy, y + dy]
                 axes.plot(*ends, color="black", linewidth=2.0, zorder=4)
+    for person in range(*road.person_first[recording : recording + 2].tolist()):
+        at = road.person_state_first[person] + traffic.step[row] - road.person_step[person]
+        if road.person_state_first[person] <= at < road.person_state_first[person + 1]:
+            x, y, heading, _ = road.person_state[at].tolist()
+            shape = corners((x, y), heading, *road.person_size[person].tolist())
+            axes.add_patch(Polygon(shape, color=COLORS["altruistic"], zorder=3))
     x, y, _ = _place(lines[ego], float(traffic.along[row, ego]))
     axes.set_aspect("equal")
     axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))

@@ -17,7 +17,9 @@ from jaxtyping import Float64
 from socialiq.physics import wrapped
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, projected, recorded
+from socialiq_recordings.recording import PEOPLE
 from socialiq_recordings.road.network import Sign
+from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.world.recorded_world import SUB_STEPS
 
 SPACING = 1.0  # m between the points of a line
@@ -68,11 +70,18 @@ def states_of(way: Way, first_frame: int) -> tuple[int, Float64[np.ndarray, "ste
     m and speeds in m/s.
     """
     times = (np.arange(way.first, way.last + 1) - first_frame) * way.dt
-    first = int(np.ceil(times[0] * SUB_STEPS - 1e-6))
-    last = max(int(np.floor(times[-1] * SUB_STEPS + 1e-6)), first)
-    at = np.arange(first, last + 1) / SUB_STEPS
+    first, at = sub_steps_of(times)
     columns = np.interp(at, times, way.along), np.interp(at, times, way.speed)
     return first, np.column_stack(columns)
+
+
+def sub_steps_of(
+    times: Float64[np.ndarray, " state"],
+) -> tuple[int, Float64[np.ndarray, " step"]]:
+    """Return the first sub-step of a track, and the times of all of them, by its times, s."""
+    first = int(np.ceil(times[0] * SUB_STEPS - 1e-6))
+    last = max(int(np.floor(times[-1] * SUB_STEPS + 1e-6)), first)
+    return first, np.arange(first, last + 1) / SUB_STEPS
 
 
 def stretches(leading: Way, following: Way, slack: float) -> Float64[np.ndarray, "stretch 4"]:
@@ -180,11 +189,28 @@ def on_way_of(way: Way, closures: list[Closure]) -> list[tuple[float, float, flo
     return sorted((at, closures[number].begin, closures[number].end) for number, at in met)
 
 
+def _walks_ahead(scene: Scene, way: Way, frame: int) -> bool:
+    tracks = scene.tracks
+    rows = np.flatnonzero(
+        np.isin(tracks.road_user, PEOPLE)[tracks.track]
+        & (abs(tracks.frame - frame) * tracks.dt <= _START)
+    )
+    if not len(rows):
+        return False
+    places = way.line.coordinates(tracks.x[rows], tracks.y[rows])
+    beside = (way.width + tracks.width[tracks.track[rows]]) / 2
+    ahead = places.along - way.state(frame)[0]
+    return bool(((abs(places.lateral) < beside) & (ahead > 0) & (ahead < _AHEAD)).any())
+
+
 def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
-    """Whether a vehicle stands behind another, before one that arrives, or behind all areas."""
+    """Whether a vehicle stands behind another, before one that arrives, or behind all areas.
+
+    Or before a pedestrian or cyclist who is in its way, or was or will be by `_START` s.
+    """
     along, _ = way.state(frame)
     vehicles = on_way(encounters.scene, way, frame, encounters.config.slack)
-    if leader(way, along, vehicles).gap < _AHEAD:
+    if leader(way, along, vehicles).gap < _AHEAD or _walks_ahead(encounters.scene, way, frame):
         return True
     now, met = frame * way.dt, False
     for partner in encounters.in_time.between(frame, frame):

@@ -16,37 +16,12 @@ from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.vehicle import clip
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
+from socialiq_recordings.world.geometry import place_of, projected
+from socialiq_recordings.world.people import state_at
 from socialiq_recordings.world.traffic import DT, ahead_of, closed_line
 
 _FAR = 100.0  # m; vehicles whose way has nothing to do with the ego's come after the others
 _UNTOUCHED, _STRUCK, _WAS_STRUCK = (int(kind) for kind in Contact)
-
-
-@kernel
-def place_of(line_first, line, vehicle, along):
-    """Return x, y in m and the direction in rad at a coordinate of a vehicle's way."""
-    first, end = line_first[vehicle], line_first[vehicle + 1]
-    piece = first + min(max(np.int64(math.floor(along)), 0), end - first - 2)
-    beyond = along - (piece - first)
-    x = line[piece, 0] + beyond * (line[piece + 1, 0] - line[piece, 0])
-    y = line[piece, 1] + beyond * (line[piece + 1, 1] - line[piece, 1])
-    return x, y, line[piece, 2]
-
-
-@kernel
-def projected(line_first, line, vehicle, x, y):
-    """Return coordinate, distance to the left and direction of a way nearest to a point."""
-    first, end = line_first[vehicle], line_first[vehicle + 1]
-    nearest, least = first, math.inf
-    for point in range(first, end - 1):
-        dx, dy = x - line[point, 0], y - line[point, 1]
-        apart = dx * dx + dy * dy
-        if apart < least:
-            nearest, least = point, apart
-    angle = line[nearest, 2]
-    cos, sin = math.cos(angle), math.sin(angle)
-    dx, dy = x - line[nearest, 0], y - line[nearest, 1]
-    return nearest - first + dx * cos + dy * sin, dy * cos - dx * sin, angle
 
 
 @kernel
@@ -62,11 +37,22 @@ def _write(row, along, left, turned, speed):
     row[6] = south
 
 
+@kernel
+def _insert(slots, ranks, count, slot, rank):
+    """Insert a slot into so many that are sorted by rank, behind those of the same rank."""
+    at = count
+    while at > 0 and ranks[at - 1] > rank:
+        slots[at], ranks[at] = slots[at - 1], ranks[at - 1]
+        at -= 1
+    slots[at], ranks[at] = slot, rank
+
+
 @inlined_kernel
 def observe(road, traffic, row, base, count, observation):
     """Write the ego, the closed line ahead as a standing vehicle, then the others.
 
-    The others are ordered by distance, those first whose ways meet the ego's or lie in it.
+    The others are ordered by distance, those first whose ways meet the ego's or lie in it, and
+    people, who are written as vehicles are.
     """
     observation[:] = 0.0
     ego, now = traffic.ego[row], traffic.step[row] * DT
@@ -80,7 +66,10 @@ def observe(road, traffic, row, base, count, observation):
         _write(observation[1], line - origin, 0.0, 0.0, 0.0)
         filled = 2
     x, y, _ = place_of(road.line_first, road.line, vehicle, ego_along)
-    slots, ranks, near = np.empty(count, np.int64), np.empty(count), 0
+    recording = traffic.recording[row]
+    first, people = road.person_first[recording], road.person_first[recording + 1]
+    most = count + people - first
+    slots, ranks, near = np.empty(most, np.int64), np.empty(most), 0
     for slot in range(traffic.n_present[row]):
         number = traffic.present[row, slot]
         if number == ego:
@@ -93,19 +82,25 @@ def observe(road, traffic, row, base, count, observation):
         pair, back = pairs + ego * count + number, pairs + number * count + ego
         meets = road.area_of[pair] >= 0 or road.stretch_first[pair + 1] > road.stretch_first[pair]
         meets = meets or road.stretch_first[back + 1] > road.stretch_first[back]
-        rank = apart if meets else apart + _FAR
-        at = near
-        while at > 0 and ranks[at - 1] > rank:
-            slots[at], ranks[at] = slots[at - 1], ranks[at - 1]
-            at -= 1
-        slots[at], ranks[at] = number, rank
+        _insert(slots, ranks, near, number, apart if meets else apart + _FAR)
         near += 1
+    for person in range(first, people):
+        at = state_at(road, person, traffic.step[row])
+        if at >= 0:
+            apart = math.hypot(road.person_state[at, 0] - x, road.person_state[at, 1] - y)
+            if apart < POSITION_RANGE:
+                _insert(slots, ranks, near, -1 - at, apart)
+                near += 1
     for slot in range(min(near, len(observation) - filled)):
         number = slots[slot]
-        along = traffic.along[row, number]
-        ox, oy, angle = place_of(road.line_first, road.line, base + number, along)
+        if number >= 0:
+            along = traffic.along[row, number]
+            ox, oy, angle = place_of(road.line_first, road.line, base + number, along)
+            speed = traffic.speed[row, number]
+        else:
+            state = road.person_state[-1 - number]
+            ox, oy, angle, speed = state[0], state[1], state[2], state[3]
         along, left, way = projected(road.line_first, road.line, vehicle, ox, oy)
-        speed = traffic.speed[row, number]
         _write(observation[filled + slot], along - origin, left, angle - way, speed)
 
 

@@ -22,6 +22,7 @@ from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.world import ConstantPolicy
+from socialiq_recordings.recording import PEOPLE
 
 if TYPE_CHECKING:
     from socialiq_recordings.world.gym import JunctionBatch
@@ -105,10 +106,20 @@ LAYOUT: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "stretch": (np.float64, (4,)),  # begin and end on the other's way, then on the first one's, m
     "closed_first": (np.int64, ()),  # first closure of each way
     "closed": (np.float64, (3,)),  # coordinate of a closed line in m, from and to in s
+    "person_first": (np.int64, ()),  # first person of each recording, and the number of people
+    "person_class": (np.int64, ()),  # a `RoadUser`
+    "person_size": (np.float64, (2,)),  # length and width, m
+    "person_step": (np.int64, ()),  # sub-step of the first state from the recording's first frame
+    "person_state_first": (np.int64, ()),  # first state of each person, and the number of states
+    # x, y in m, direction in rad, speed in m/s, a state each sub-step
+    "person_state": (np.float64, (4,)),
     "drivers": (np.float64, (4,)),  # mean, deviation and bounds by parameter of `drivers.Drivers`
 }
 """Arrays of a world: type, and shape of one row. Vehicles are numbered over all recordings; pair
 (i, j) of a recording of n vehicles is at n i + j."""
+
+_PEOPLE = tuple(name for name in LAYOUT if name.startswith("person_"))
+"""Arrays that a file of a world without people doesn't have."""
 
 VEHICLE = np.dtype(
     [
@@ -210,6 +221,8 @@ class RecordedWorld(RoadWorld):
             header["config"]["effects"] = dataclasses.asdict(self.effects)
         header |= {"max_speed": self.max_speed, "provenance": self.provenance}
         arrays = self.road._asdict()
+        if not len(self.road.person_class):
+            arrays = {name: array for name, array in arrays.items() if name not in _PEOPLE}
         return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header, replace)
 
     @staticmethod
@@ -220,6 +233,10 @@ class RecordedWorld(RoadWorld):
             UserError: If the file is missing, damaged, or holds something else.
         """
         arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
+        if not arrays.keys() & _PEOPLE and arrays.get("recording_first", np.zeros(0)).ndim == 1:
+            empty = {name: np.zeros((0, *LAYOUT[name][1]), LAYOUT[name][0]) for name in _PEOPLE}
+            empty["person_first"] = np.zeros_like(arrays.get("recording_first", np.zeros(0)))
+            arrays |= empty | {"person_state_first": np.zeros(1, np.int64)}
         for fault in _faults(arrays, header):
             raise UserError(f"{path} {fault}: make the world again with `socialiq data world`")
         options = dict(header["config"])
@@ -258,6 +275,7 @@ def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[s
         yield "has columns that are no world's"
     vehicles, counts = len(arrays["identity"]), np.diff(arrays["recording_first"])
     egos, area_of, areas = arrays["egos"], arrays["area_of"], len(arrays["area"])
+    people, kinds = len(arrays["person_class"]), arrays["person_class"]
     for name, rows, total in (
         ("recording_first", None, vehicles),
         ("pair_first", len(counts) + 1, len(area_of)),
@@ -265,9 +283,11 @@ def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[s
         ("state_first", vehicles + 1, len(arrays["state"])),
         ("stretch_first", len(area_of) + 1, len(arrays["stretch"])),
         ("closed_first", vehicles + 1, len(arrays["closed"])),
+        ("person_first", len(counts) + 1, people),
+        ("person_state_first", people + 1, len(arrays["person_state"])),
     ):
         first = arrays[name]
-        sized = len(first) >= 2 and (rows is None or len(first) == rows)
+        sized = len(first) >= 2 if rows is None else len(first) == rows
         if not sized or first[0] != 0 or first[-1] != total or (np.diff(first) < 0).any():
             yield f"has places in {name} that don't fit the other columns"
     if (counts < 1).any() or (np.diff(arrays["pair_first"]) != counts**2).any():
@@ -283,11 +303,19 @@ def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[s
         yield "has a conflict area that isn't there"
     if len(arrays["area_yields"]) != areas or len(arrays["area_merges"]) != areas:
         yield "has conflict areas without a right of way"
-    if (arrays["length"] <= 0).any() or (arrays["width"] <= 0).any():
+    if any((arrays[name] <= 0).any() for name in ("length", "width", "person_size")):
         yield "has a vehicle without a size"
-    if (arrays["state_step"] > 10**9).any() or (arrays["state_step"] < 0).any():
+    steps = np.append(arrays["state_step"], arrays["person_step"])
+    if (steps > 10**9).any() or (steps < 0).any():
         yield "has a state before the recording"
+    if len(arrays["person_size"]) != people or len(arrays["person_step"]) != people:
+        yield "has people without a size or a beginning"
+    if not np.isin(kinds, PEOPLE).all() or (np.diff(arrays["person_state_first"]) < 1).any():
+        yield "has people of another class, or without a state"
     if arrays["drivers"].shape != (6, 4) or (arrays["drivers"][:, (0, 2, 3)] <= 0).any():
         yield "has drivers without parameters"
-    if (np.abs(arrays["line"]) > 1e8).any() or (arrays["line"][:, 3] <= 0).any():
+    if (
+        any((np.abs(arrays[name]) > 1e8).any() for name in ("line", "person_state"))
+        or (arrays["line"][:, 3] <= 0).any()
+    ):
         yield "has a line that is none"

@@ -12,6 +12,7 @@ import numpy as np
 
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq_recordings import idm as model
+from socialiq_recordings.world import people
 
 limited = kernel(model.limited)
 
@@ -159,7 +160,8 @@ def drive(road, traffic, row, base, count, vehicle, now):
     half = 0.5 * road.length[base + vehicle]
     pairs = road.pair_first[traffic.recording[row]] + vehicle * count
     desired = min(free, limit_at(road.line_first, road.line, base + vehicle, along))
-    gap, leader_speed, wait = math.inf, 0.0, math.inf
+    recording, wait = traffic.recording[row], math.inf
+    gap, leader_speed = people.ahead(road, recording, traffic.step[row], base + vehicle, along)
     for slot in range(traffic.n_present[row]):
         partner = traffic.present[row, slot]
         pair = pairs + partner

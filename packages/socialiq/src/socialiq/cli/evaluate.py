@@ -3,6 +3,7 @@
 import functools
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -239,20 +240,21 @@ class Evaluate(Printing):
         if (dial := drivers.dial_of(policy)) is not None:
             drivers.complain_if_it_stands(policy, dial, table.observation)
         speed = np.concatenate([rollout.speed for rollout in rollouts])
-        collided = sum(rollout.neighbours_collided for rollout in rollouts)
-        return self.sampled(Rollout(table, speed, collided)), target_of(played[0][1])
+        counted = Counter[str]()
+        for rollout in rollouts:
+            counted.update(rollout.counted)
+        return self.sampled(Rollout(table, speed, counted)), target_of(played[0][1])
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Return the metrics of a rollout, without quantities that are not reported."""
         metrics = rollout.metrics()._asdict().items()
-        estimate, collided = rollout.angle(self.seed), rollout.neighbours_collided / self.episodes
-        others = {} if math.isnan(collided) else {"neighbours_collided": collided}
+        estimate, counted = rollout.angle(self.seed), rollout.counted.items()
         return {
             "method": f"{self.episodes} episodes, seed {self.seed}",
             **{name: value for name, value in metrics if math.isfinite(value)},
             "angle_low": estimate.low,
             "angle_high": estimate.high,
-        } | others
+        } | {name: count / self.episodes for name, count in counted}
 
 
 def _play_road(

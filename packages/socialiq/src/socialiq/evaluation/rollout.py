@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -33,13 +34,13 @@ class Rollout(NamedTuple):
     Attributes:
         transitions: Every transition, in the form of a demonstrations table.
         speed: The ego's speed at each transition; NaN if the environment doesn't report it.
-        neighbours_collided: Number of others that collided with each other, of all episodes; NaN
-            likewise.
+        counted: Sums over all episodes of what the environment counts, by name: others that
+            collided with each other, people that were hit.
     """
 
     transitions: Demonstrations
     speed: Float[np.ndarray, " transition"]
-    neighbours_collided: float = math.nan
+    counted: Mapping[str, float] = MappingProxyType({})
 
     def metrics(self) -> Metrics:
         """Return the means over the episodes (thesis 5.4)."""
@@ -214,7 +215,8 @@ def rollout_env(
 
     `info["reward_pair"]` gives (r_env, r_social); without it the scalar reward counts as r_env
     and r_social is 0. `info["ending"]` names the ending; without it a terminal state is `OTHER`.
-    `info["speed"]` is recorded and `info["neighbours_collided"]` counted if they are there.
+    `info["speed"]` is recorded, and `info["neighbours_collided"]` and signals of hits (`_hit`) are
+    counted if they are there.
 
     Args:
         env: The environment: with discrete actions, or with actions in [-1, 1] as
@@ -249,8 +251,10 @@ def rollout_env(
         source={"seed": seed, "episodes": episodes, **action_bounds(env), **(source or {})},
     )
     speed = np.array([step.made.speed for step in steps], np.float64)
-    collided = float(sum(step.made.neighbours_collided for step in steps))
-    return Rollout(transitions, speed, collided)
+    counted = Counter[str]()
+    for step in steps:
+        counted.update(step.made.counted)
+    return Rollout(transitions, speed, counted)
 
 
 def demonstrations_by_mode(

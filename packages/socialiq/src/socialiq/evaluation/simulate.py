@@ -256,7 +256,7 @@ class GymStep(NamedTuple):
     rewards: RewardPair
     ending: Int64[np.ndarray, " 1"]
     speed: float
-    neighbours_collided: float
+    counted: dict[str, float]  # what the environment counts, by name
 
 
 class GymSimulator:
@@ -312,5 +312,7 @@ class GymSimulator:
         ending = Ending.of_step(terminated, truncated, info)
         pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
         self._present, self._length = after, self._length + 1
-        collided = float(info.get("neighbours_collided", np.nan))
-        return GymStep(after, pair, np.array([int(ending)]), speed, collided)
+        counted = {name: info[name] for name in ("neighbours_collided",) if name in info}
+        hits = info.get("signals", {}).items()
+        counted |= {name: value for name, value in hits if name.endswith("_hit")}
+        return GymStep(after, pair, np.array([int(ending)]), speed, counted)
