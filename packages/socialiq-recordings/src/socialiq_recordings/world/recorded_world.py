@@ -275,7 +275,7 @@ def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[s
         yield "has columns that are no world's"
     vehicles, counts = len(arrays["identity"]), np.diff(arrays["recording_first"])
     egos, area_of, areas = arrays["egos"], arrays["area_of"], len(arrays["area"])
-    people, kinds = len(arrays["person_class"]), arrays["person_class"]
+    people = len(arrays["person_class"])
     for name, rows, total in (
         ("recording_first", None, vehicles),
         ("pair_first", len(counts) + 1, len(area_of)),
@@ -308,14 +308,19 @@ def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[s
     steps = np.append(arrays["state_step"], arrays["person_step"])
     if (steps > 10**9).any() or (steps < 0).any():
         yield "has a state before the recording"
-    if len(arrays["person_size"]) != people or len(arrays["person_step"]) != people:
+    yield from _faults_of_people(arrays)
+    if arrays["drivers"].shape != (6, 4) or (arrays["drivers"][:, (0, 2, 3)] <= 0).any():
+        yield "has drivers without parameters"
+    if (np.abs(arrays["line"]) > 1e8).any() or (arrays["line"][:, 3] <= 0).any():
+        yield "has a line that is none"
+
+
+def _faults_of_people(arrays: dict[str, np.ndarray]) -> Iterator[str]:
+    """Yield what is wrong with people whose places in columns fit."""
+    kinds = arrays["person_class"]
+    if any(len(arrays[f"person_{name}"]) != len(kinds) for name in ("size", "step")):
         yield "has people without a size or a beginning"
     if not np.isin(kinds, PEOPLE).all() or (np.diff(arrays["person_state_first"]) < 1).any():
         yield "has people of another class, or without a state"
-    if arrays["drivers"].shape != (6, 4) or (arrays["drivers"][:, (0, 2, 3)] <= 0).any():
-        yield "has drivers without parameters"
-    if (
-        any((np.abs(arrays[name]) > 1e8).any() for name in ("line", "person_state"))
-        or (arrays["line"][:, 3] <= 0).any()
-    ):
-        yield "has a line that is none"
+    if (np.abs(arrays["person_state"]) > 1e8).any():
+        yield "has people who are nowhere"
