@@ -29,7 +29,7 @@ VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
 
 _REPRODUCE = (
     "poc", "grid", "lambda-sweep", "worlds", "alternatives", "penalties", "intersection-world",
-    "compare-priors", "audits",
+    "compare-priors", "audits", "poison",
 )  # fmt: skip
 _COMMANDS = {name: f"socialiq reproduce {name}" for name in _REPRODUCE} | {
     "intersection": "socialiq reproduce intersection --set parts=main",
