@@ -95,9 +95,9 @@ def poisons(config: Any) -> list[Poison]:
     return [Poison(attacker, case, share, seed) for (attacker, case), share, seed in contents]
 
 
-def data_of(table: Any, poison: Poison, each: int, cleaned: bool = True) -> Demonstrations:
+def data_of(table: Any, poison: Poison, episodes_each: int, cleaned: bool = True) -> Demonstrations:
     """Return the data set of a contamination."""
-    honest = trajectory_datasets(table, [poison.seed], each)[0]
+    honest = trajectory_datasets(table, [poison.seed], episodes_each)[0]
     count = round(poison.share * honest.n_episodes)
     if not count:
         return honest
