@@ -91,8 +91,11 @@ class Poison(NamedTuple):
 def poisons(config: Any) -> list[Poison]:
     """Return every contamination; an adaptive forger differs by its labels alone."""
     cases = [pair for pair in itertools.product(ATTACKERS, CASES) if pair != ("adaptive", "honest")]
-    contents = itertools.product(cases, config.shares, config.seeds)
-    return [Poison(attacker, case, share, seed) for (attacker, case), share, seed in contents]
+    return [
+        Poison(attacker, case, share, seed)
+        for attacker, case in cases
+        for share, seed in itertools.product(config.shares, config.seeds)
+    ]
 
 
 def data_of(table: Any, poison: Poison, episodes_each: int, cleaned: bool = True) -> Demonstrations:
