@@ -15,12 +15,14 @@ extensions = [
     "sphinx.ext.apidoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "sphinx_copybutton",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 html_theme = "furo"
 html_title = f"socialiq {release}"
+copybutton_prompt_text = "$ "
 
 # The API reference: a page for each package, from the docstrings.
 apidoc_modules = [

@@ -1,0 +1,33 @@
+"""The commands of the pages under Start run as they stand there, in one folder."""
+
+import importlib.util
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from socialiq.cli.main import main
+
+ROOT = Path(__file__).parents[2]
+PAGES = ("start.md", "first-audit.md", "first-recording.md")
+
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
+
+
+@pytest.mark.slow
+def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("results", "examples"):
+        Path(folder).symlink_to(ROOT / folder)
+    text = "".join((ROOT / "docs" / page).read_text() for page in PAGES)
+    commands = re.findall(r"^\$ socialiq (.*)$", text, re.MULTILINE)
+    assert len(commands) == 15
+    for command in commands:
+        words = shlex.split(command)
+        lacks_maps = words[:2] == ["data", "conflicts"] and not importlib.util.find_spec("shapely")
+        assert main(words) == (2 if lacks_maps else 0), capsys.readouterr().err
+        printed = capsys.readouterr()
+        assert not lacks_maps or "socialiq-recordings[maps]" in printed.err
+    assert Path("dial-page/index.html").exists() and Path("audit/report.html").exists()
+    assert {path.suffix for path in Path().glob("episode.*")} == {".gif", ".png"}
