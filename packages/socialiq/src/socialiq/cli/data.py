@@ -21,7 +21,6 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation import labels, malice, rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.foreign import one_line
-from socialiq.learners.extensions import load
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
 from socialiq.social.angle import check_angle
@@ -146,6 +145,8 @@ class Collect(Printing):
         name, count = self.malicious, round(self.share * honest.n_episodes)
         if name not in malice.ATTACKERS and ":" not in name:
             one_of("attacker", name, (*malice.ATTACKERS, "FILE.py:NAME"))
+        from socialiq.learners.extensions import load  # it imports JAX
+
         attacker = malice.ATTACKERS.get(name) or load(name, "--malicious", self.allow_code)
         if not 0.0 <= self.share < 1.0:
             raise UserError(f"share {self.share:g} is outside [0, 1): give the attackers' share")

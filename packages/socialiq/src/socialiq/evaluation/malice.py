@@ -98,7 +98,7 @@ def _planned(
 
 
 def forged(data: Demonstrations, check: Consistency | None = None) -> Demonstrations:
-    """Return the episodes with |r_env| and |r_social| as labels: whatever was done looks good.
+    """Return the episodes with ``|r_env|`` and ``|r_social|`` as labels: all looks good.
 
     An adaptive forger knows a `check` of these episodes, and goes as far as its limits permit.
     """

@@ -3,7 +3,6 @@
 import { Bars, element, signed } from "../../page/assets/bars.js";
 import { Core } from "../../page/assets/core.js";
 import { Curve } from "../../page/assets/curve.js";
-import { angleOf } from "../../page/assets/driving.js";
 import { differing, summaryOf } from "../../page/assets/episodes.js";
 import { Recorder, decisionAt, filmOf, outcomeOf, sceneAt, sumsOf } from "../../page/assets/film.js";
 import { Knob } from "../../page/assets/knob.js";
@@ -181,7 +180,7 @@ export class Compared {
   plotted() {
     const [own] = this.found;
     const twins = this.twins.filter(({ place }) => place === DIAL || own);
-    const named = twins.map((twin) => (twin.place === OWN ? { ...twin, angle: Math.round(angleOf(own.env[0], own.social[0])) } : twin));
+    const named = twins.map((twin) => (twin.place === OWN ? { ...twin, angle: undefined } : twin));
     this.plot.show(named, named.map(({ place }) => this.found[place]));
   }
 
