@@ -5,13 +5,18 @@ import numpy as np
 import pytest
 
 from socialiq_recordings.prediction import following, learned
-from socialiq_recordings.prediction.choices import rewards
 from socialiq_recordings.prediction.following import features
 from socialiq_recordings.prediction.models import MODELS, Task, residuals
+from socialiq_recordings.prediction.rewards import rewards
 from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]
 LEVELS = (-2.0, 0.0, 2.0)
+
+
+def test_the_level_is_the_closest_and_the_ends_take_what_is_beyond() -> None:
+    level = learned.nearest(np.array([-1.0, 0.0, 1.0]), [-9.0, -0.4, 0.6, 9.0])
+    assert level.tolist() == [0, 1, 2, 2]
 
 
 def test_moments_become_demonstrations_with_the_rewards_of_their_levels(situations: Make) -> None:

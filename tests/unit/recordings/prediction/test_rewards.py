@@ -3,7 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from socialiq_recordings.prediction.choices import AHEAD, UNIT, rewards
+from socialiq_recordings.prediction.rewards import AHEAD, UNIT, rewards
 from socialiq_recordings.prediction.situations import Situations
 
 Make = Callable[..., Situations]

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.cli.output import print_json, print_table, say
-from socialiq.errors import UserError
 from socialiq.plotting.style import png
 from socialiq.results_folder import Results, check_target, save
 from socialiq.statistics.clusters import clusters_needed, least_p
@@ -17,9 +16,6 @@ from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.scores import ERROR
 from socialiq_recordings.prediction.situations import Situations, situations_of
 from socialiq_recordings.prediction.study import HOLDOUTS, Holdout
-from socialiq_recordings.trait import models as trait
-from socialiq_recordings.trait.hierarchy import direction
-from socialiq_recordings.trait.models import chains_to_find_anything
 
 LIMITS = (
     "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
@@ -38,7 +34,7 @@ class Predict(OfDistinct):
     """
 
     out: Path | None = None
-    """Folder to write: scores, contrasts of models, folds, the test of angles, a figure."""
+    """Folder to write: scores, contrasts of models, folds, a figure."""
     holdout: tuple[Holdout, ...] = ()
     """Held-out things; by default all that these recordings allow."""
     models: tuple[str, ...] = ()
@@ -47,8 +43,6 @@ class Predict(OfDistinct):
     """Gradient steps of each learned policy."""
     seed: int = 0
     """Seed of training and resampling."""
-    without_trait: bool = False
-    """Leave out the test of a driver's angle, inferred from its first half, on its second."""
     replace: bool = False
     """Replace earlier results in the folder."""
 
@@ -57,7 +51,7 @@ class Predict(OfDistinct):
         training = learned.Training(updates=self.updates)
         models = self.models or study.ALL_MODELS
         config = study.Config(self.holdout, models, training, self.seed)
-        if not self.without_trait or any(name.startswith("boosting") for name in models):
+        if any(name.startswith("boosting") for name in models):
             ensembles()  # a missing library is said before the slow work
         if self.out is not None:
             check_target(self.out, self.replace)
@@ -73,10 +67,6 @@ class Predict(OfDistinct):
             "folds": prediction.folds,
             "contrasts": prediction.contrasts,
         }
-        tested: Row = {}
-        if not self.without_trait:
-            trait_tables, tested = _trait_test(situations, self.seed)
-            tables |= trait_tables
         summary = _summary(situations, prediction.scores, prediction.contrasts)
         predicted = {*situations.vehicle.tolist()}
         used = [
@@ -85,7 +75,7 @@ class Predict(OfDistinct):
         ]
         users = users_used([recording.tracks for recording in recordings], used, _UNUSED)
         tables["road_users"] = users
-        summary |= {"trait": tested, "limits": list(LIMITS), "road_users": users}
+        summary |= {"limits": list(LIMITS), "road_users": users}
         if self.out is not None:
             provenance = {
                 "prediction": dataclasses.asdict(config),
@@ -100,7 +90,6 @@ class Predict(OfDistinct):
         else:
             _show_scores(prediction.scores)
             _show_contrasts(prediction.contrasts)
-            _show_trait(tables.get("trait_contrasts", []), tested)
             print_table(users, "\nRoad users")
         return 0
 
@@ -157,50 +146,8 @@ def _show_contrasts(rows: list[Row]) -> None:
         if least_p(most) > ERROR:
             say(
                 f"with {most} independent chains none can be, whatever its size; "
-                f"{clusters_needed(ERROR, 1)} are needed"
+                f"{clusters_needed(ERROR)} are needed"
             )
 
 
-_CONFIDENCE = 0.95
 _UNUSED = "never on the lanelets of the map for a second"
-
-
-def _trait_test(situations: Situations, seed: int) -> tuple[dict[str, list[Row]], dict[str, Any]]:
-    """Infer angles from drivers' first halves and test them on their second halves."""
-    try:
-        models = trait.fit_models(study.choices(situations, seed), seed)
-    except UserError as error:
-        return {}, {"not_tested": str(error)}
-    rows, sample = trait.contrasts(models, seed), models.sample
-    population = models.angle.population
-    angle = direction(population.trait.mean, population.chance.sum(axis=0), _CONFIDENCE)
-    spread = population.quantiles("spread", (0.025, 0.5, 0.975))
-    return (
-        {"trait_models": trait.scores(models), "trait_contrasts": rows},
-        {
-            "decisions": int(sample.second.sum()),
-            "drivers": len(sample.identity),
-            "chains": len(set(sample.chain.tolist())),
-            "chains_needed": chains_to_find_anything(),
-            "found": [row["angle_over"] for row in rows if row["found"]],
-            "population_angle": angle._asdict(),
-            "population_spread": dict(zip(("low", "median", "high"), spread, strict=True)),
-        },
-    )
-
-
-def _show_trait(rows: list[Row], summary: dict[str, Any]) -> None:
-    """Print the contrasts, or the reason for which there are none."""
-    if "not_tested" in summary:
-        say(f"the angle as a trait is not tested: {summary['not_tested']}")
-    if not rows:
-        return
-    names = ("angle_over", "gain_nats", "low", "high", "p", "p_holm", "rmse_gain", "found")
-    title = "\nA driver's angle from its first half, on its second"
-    counts = f"{summary['decisions']} decisions, {summary['drivers']} drivers"
-    _print(rows, names, f"{title}: {counts}, {summary['chains']} chains")
-    if summary["chains"] < summary["chains_needed"]:
-        say(
-            f"not enough data: with {summary['chains']} independent chains no gain can be found "
-            f"after correction, whatever its size; {summary['chains_needed']} are needed"
-        )

@@ -4,7 +4,7 @@ Actions are levels of acceleration, and all folds are trained in one compiled pr
 
 The offline dial (`learners.dial.offline`) of a fold sees its training moments alone. β clones their
 drivers, and π_α is the policy that is best for R(α) within what they do, its rewards predicted at
-each decision (`choices.rewards`). A driver of angle α takes level k with
+each decision (`rewards`). A driver of angle α takes level k with
 
     p(k | s) proportional to β(k | s) (π_α(k | s) / β(k | s))^κ
 
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.special import log_softmax, logsumexp
+from scipy.special import log_softmax, logsumexp, softmax
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import behaviour_cloning
@@ -32,12 +32,11 @@ from socialiq.learners.settings import check_counts
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
-from socialiq_recordings.prediction.choices import nearest, rewards
+from socialiq_recordings.prediction import hierarchy
 from socialiq_recordings.prediction.following import features
 from socialiq_recordings.prediction.models import Fitted, Forecast, Spread, Task
+from socialiq_recordings.prediction.rewards import rewards
 from socialiq_recordings.prediction.situations import Situations, grouped
-from socialiq_recordings.trait import hierarchy
-from socialiq_recordings.trait.traits import family_trait
 
 Chances = Callable[[Situations], Float64[np.ndarray, "moment policy level"]]
 """Function that returns each policy's log-probability of each level."""
@@ -62,6 +61,12 @@ class Training:
     def __post_init__(self) -> None:
         """Refuse what no training could take, before the slow work."""
         check_counts(self, ("updates", "batch_size"))
+
+
+def nearest(grid: Float64[np.ndarray, " level"], values: Any) -> Int64[np.ndarray, " moment"]:
+    """Return the index of the closest of equally spaced, ascending accelerations, m/s²."""
+    index = np.rint((np.asarray(values) - grid[0]) / (grid[1] - grid[0]))
+    return np.clip(index, 0, len(grid) - 1).astype(np.int64)
 
 
 def demonstrations(situations: Situations, levels: Sequence[float]) -> Demonstrations:
@@ -152,7 +157,7 @@ def of_policies(policies: Sequence[Any]) -> Chances:
 AT_ANGLE, BY_DRIVER = "dial", "dial, angle by driver"
 CLONE = "clone"
 LEARNED = (CLONE, AT_ANGLE, BY_DRIVER)  # models that our learners train
-ANGLES = np.linspace(0.0, 90.0, 7)  # degrees; angles integrated over
+ANGLES = np.linspace(0.0, 90.0, 7)  # degrees; angles integrated over, and spreads of them
 SHARES = (0.0, 0.125, 0.25, 0.5, 1.0)  # κ: how far drivers go from the clone to the dial
 TEMPERATURE = 1.0  # η of the dial at all angles, s: its rewards are seconds
 _RATE = 3e-3  # Adam's initial learning rate, which falls; few updates need more than the default
@@ -257,21 +262,18 @@ def _models(
     task: Task, levels: Levels, chances: Chances, density: Float64[np.ndarray, "moment policy"]
 ) -> dict[str, Fitted]:
     """Return the dial at the angle of the population, and at each driver's."""
-    trait = family_trait(ANGLES, SHARES)
     _, likelihood = _by_driver(density, task.train.vehicle)
-    alike, differ = (
-        hierarchy.population_posterior(hierarchy.log_marginal(likelihood, grid), grid)
-        for grid in (trait.alike(), trait)
-    )
+    alike = softmax(likelihood.sum(axis=0))
+    differ = hierarchy.driver_prior(likelihood, hierarchy.populations(ANGLES, ANGLES))
     of_own = levels.log_density(chances, task.own)
     vehicles, own_likelihood = _by_driver(of_own, task.own.vehicle)
     posterior = hierarchy.driver_posteriors(own_likelihood, differ)
     by_driver = dict(zip(vehicles.tolist(), map(_log, posterior), strict=True))
-    at_angle = levels.fitted(chances, _log(alike.driver_prior))
-    share = {"dial_share": float(alike.driver_prior.sum(axis=1) @ np.array(SHARES))}
+    at_angle = levels.fitted(chances, _log(alike))
+    share = {"dial_share": float(alike.sum(axis=1) @ np.array(SHARES))}
     return {
         AT_ANGLE: at_angle._replace(inferred=share),
-        BY_DRIVER: levels.fitted(chances, _log(differ.driver_prior), by_driver),
+        BY_DRIVER: levels.fitted(chances, _log(differ), by_driver),
     }
 
 

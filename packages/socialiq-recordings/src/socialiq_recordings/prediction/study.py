@@ -1,4 +1,4 @@
-"""Prediction of recorded drivers: every model on every holdout, and the table of choices.
+"""Prediction of recorded drivers: every model on every holdout.
 
 Folds hold out moments, vehicles or sites, and leak none of them.
 
@@ -18,7 +18,6 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Bool
-from scipy.special import logsumexp
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
@@ -26,9 +25,8 @@ from socialiq.learners.settings import check_seed
 from socialiq.types import Row
 from socialiq_recordings.identity.identify import identify
 from socialiq_recordings.prediction import learned, scores
-from socialiq_recordings.prediction.choices import ChoiceTable, rewards
 from socialiq_recordings.prediction.following import FITTED, fit_population
-from socialiq_recordings.prediction.models import BASE, MODELS, TRIVIAL, Task, residuals, rollout
+from socialiq_recordings.prediction.models import MODELS, TRIVIAL, Task, residuals, rollout
 from socialiq_recordings.prediction.situations import Situations, grouped, situations_of
 from socialiq_recordings.recording import Recording
 
@@ -131,8 +129,6 @@ def _vehicles(situations: Situations) -> list[Fold]:
 
 
 ALL_MODELS = (*MODELS, *learned.LEARNED)  # names of all models
-GRID = (-4.0, 3.0, 0.25)
-"""m/s²; lowest and highest acceleration of the choices, and the step between them."""
 
 
 @dataclass(frozen=True)
@@ -236,45 +232,3 @@ def _task(situations: Situations, half: np.ndarray, fold: Fold, seed: int) -> Ta
     is_own = (half == 0) & np.isin(situations.vehicle, np.unique(situations.vehicle[fold.test]))
     first = half[fold.train] == 0
     return Task(train, last[fold.train], first, situations.rows(is_own), idm, seed)
-
-
-def choices(situations: Situations, seed: int = 0) -> ChoiceTable:
-    """Return every moment as a choice among accelerations, tilted by nothing but the base model.
-
-    Log-probabilities of a moment are in proportion to the density by the base predictor, which was
-    trained on other chains (held-out vehicles).
-
-    Raises:
-        UserError: If vehicles can't be held out.
-    """
-    low, high, step = GRID
-    grid = np.arange(low, high + step / 2, step)
-    half = situations.half()
-    log_base, mean = np.full((len(situations), len(grid)), np.nan), np.zeros(len(situations))
-    for fold in folds(situations, "vehicles"):
-        task = _task(situations, half, fold, seed)
-        model = MODELS[BASE](task)
-        test, last = situations.rows(fold.test), residuals(task.idm, situations)[fold.test]
-        forecast = model.forecast(test, last)
-        densities = [
-            model.spread.log_density(forecast, np.full(len(test), acceleration), test.moving)
-            for acceleration in grid
-        ]
-        log_density = np.stack(densities, axis=1)
-        log_base[fold.test] = log_density - logsumexp(log_density, axis=1, keepdims=True)
-        mean[fold.test] = np.exp(log_base[fold.test]) @ grid
-    before, pair = situations.previous(), rewards(situations, grid)
-    off = situations.acceleration - mean
-    return ChoiceTable(
-        driver=situations.vehicle,
-        chain=situations.chain,
-        time=situations.time,
-        half=half,
-        conflict=situations.conflict & situations.moving,
-        grid=grid,
-        log_base=log_base,
-        r_env=pair.env,
-        r_social=pair.social,
-        acceleration=situations.acceleration,
-        residual=np.where(before >= 0, off[before], 0.0),
-    )

@@ -16,12 +16,11 @@ EXACT = 14
 
 
 class ClusterMean(NamedTuple):
-    """Mean over all rows, with an interval and a test by cluster."""
+    """Mean over all rows, with an interval by cluster."""
 
     mean: float  # mean over rows
     low: float  # lower end of the percentile interval; NaN with fewer than two clusters
     high: float  # upper end
-    p: float  # two-sided p-value of the sign-flip test
     clusters: int  # number of clusters
 
 
@@ -34,8 +33,7 @@ def cluster_mean(
 ) -> ClusterMean:
     """Return the mean of paired differences, with an interval from resampled clusters of rows.
 
-    Rows of one cluster may depend on each other in any way (Cameron, Gelbach and Miller 2008). The
-    test flips the signs of clusters, in as many drawn patterns as there are resamples.
+    Rows of one cluster may depend on each other in any way (Cameron, Gelbach and Miller 2008).
 
     Raises:
         UserError: If there is no row.
@@ -51,19 +49,7 @@ def cluster_mean(
         low, high = np.quantile(
             np.concatenate(means), [(1 - confidence) / 2, (1 + confidence) / 2]
         ).tolist()
-    p = sign_flip(sums, seed, resamples)
-    return ClusterMean(float(values.mean()), low, high, p, len(sums))
-
-
-def sign_flip(sums: Float[np.ndarray, " cluster"], seed: int, draws: int = 2000) -> float:
-    """Return the two-sided p-value of the sign-flip test (Fisher 1935) of independent sums.
-
-    Under the hypothesis every sum is as likely as its negative. The test is exact: all patterns are
-    counted up to `EXACT` sums, otherwise drawn, with the pattern of the data among them.
-    """
-    signs = _signs(len(sums), seed, draws)
-    reached = np.abs(signs @ sums) >= abs(sums.sum()) * (1 - 1e-9)
-    return float(reached.mean())
+    return ClusterMean(float(values.mean()), low, high, len(sums))
 
 
 def _signs(count: int, seed: int, draws: int) -> Float[np.ndarray, "pattern cluster"]:
@@ -81,13 +67,15 @@ class SignFlips(NamedTuple):
 
 
 def sign_flips(sums: Float[np.ndarray, "test cluster"], seed: int, draws: int = 2000) -> SignFlips:
-    """Return `sign_flip` of several tests on common clusters, and p-values corrected for all.
+    """Return p-values of several sign-flip tests (Fisher 1935) on common clusters.
 
-    Every pattern of signs is applied to all tests at once, and `|Σ sums| / sqrt(Σ sums²)` is
-    compared with the largest over the tests: the step-down procedure of Westfall and Young (1993,
-    algorithm 2.8). It controls the probability of any false rejection, as Holm's does, but tests
-    that depend on each other cost less, and the smallest p-value doesn't rise with their number. A
-    sum is 0 where a test has no row of a cluster.
+    Under the hypothesis a cluster's sum is as likely as its negative. All patterns of signs are
+    counted up to `EXACT` clusters, otherwise drawn, with that of the data among them. For the
+    corrected p-values every pattern is applied to all tests at once, and `|Σ sums| / sqrt(Σ sums²)`
+    is compared with the largest over the tests: the step-down procedure of Westfall and Young
+    (1993, algorithm 2.8). It controls the probability of any false rejection, as Holm's does, but
+    tests that depend on each other cost less, and the smallest p-value doesn't rise with their
+    number. A sum is 0 where a test has no row of a cluster.
     """
     scale = np.sqrt((sums**2).sum(axis=1, keepdims=True))
     unit = np.divide(sums, scale, out=np.zeros_like(sums), where=scale > 0)
@@ -106,9 +94,6 @@ def least_p(clusters: int) -> float:
     return min(1.0, 2.0 ** (1 - clusters))
 
 
-def clusters_needed(error: float, tests: int) -> int:
-    """Return the fewest clusters with which one of several tests can find anything, by Holm.
-
-    Holm's procedure compares the smallest p-value with error / tests, and `least_p` must reach it.
-    """
-    return max(1, math.ceil(1 - math.log2(error / tests)))
+def clusters_needed(error: float) -> int:
+    """Return the fewest clusters whose `least_p` is at most `error`."""
+    return max(1, math.ceil(1 - math.log2(error)))

@@ -1,102 +1,19 @@
-"""Choices of recorded drivers: at each decision some accelerations, and what each would bring.
+"""Rewards of an acceleration before it is made: seconds that the driver and others gain or lose.
 
-A row is a decision. All of a row but the observed acceleration is known at its time, and the
-base predictor was trained without the vehicles of the row's chain. A driver of angle α chooses
-with p(a | s, α) proportional to p_base(a | s) exp(β R(α)), R(α) = cos α r_env + sin α r_social
-(Eq 4.3).
-
-Rewards of a choice: the driver takes the acceleration for a second and keeps its speed then. Others
-drive by the IDM behind their own leaders, who keep their speeds, once beside the driver and once in
-its absence; nothing after the moment is known. Both rewards are in seconds: metres over one speed.
+The driver takes the acceleration for a second and keeps its speed then. Others drive by the IDM
+behind their own leaders, who keep their speeds, once beside the driver and once in its absence;
+nothing after the moment is known. Both rewards are in seconds: metres over one speed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
-
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64
 
-from socialiq.errors import UserError
 from socialiq.physics import ballistic
 from socialiq.types import RewardPair
 from socialiq_recordings.prediction.following import accelerations, literature
 from socialiq_recordings.prediction.situations import Situations
-
-_SUM = 1e-6  # by which probabilities of a row may miss 1
-
-
-@dataclass(frozen=True, eq=False)
-class ChoiceTable:
-    """Decisions of recorded drivers on a grid of accelerations.
-
-    Raises:
-        UserError: If columns don't fit together, or a number is not finite.
-    """
-
-    driver: Int64[np.ndarray, " decision"]  # number of the vehicle, one number over all recordings
-    # number of the chain of recordings; different chains share no vehicle
-    chain: Int64[np.ndarray, " decision"]
-    time: Float64[np.ndarray, " decision"]  # s on the recording's clock; ascending within a driver
-    # 0 in the first half of the driver's conflicts, 1 in the second: an angle is inferred from the
-    # first and scored on the second
-    half: Int64[np.ndarray, " decision"]
-    # whether the driver and another vehicle are on course for one conflict area
-    conflict: Bool[np.ndarray, " decision"]
-    # accelerations to choose from, m/s², ascending and equally spaced
-    grid: Float64[np.ndarray, " candidate"]
-    # log-probability of each by the base predictor; a row's probabilities sum to 1
-    log_base: Float64[np.ndarray, "decision candidate"]
-    # what each brings the driver: seconds of its own travel time saved, against keeping its speed
-    r_env: Float64[np.ndarray, "decision candidate"]
-    # what each brings others: minus the seconds that they lose against the driver's absence
-    r_social: Float64[np.ndarray, "decision candidate"]
-    acceleration: Float64[np.ndarray, " decision"]  # observed mean of the next second, m/s²
-    # observed minus expected acceleration of the driver's decision before, m/s²; 0 without one
-    residual: Float64[np.ndarray, " decision"]
-
-    # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
-    __no_type_check__: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        """Check every column."""
-        grid, decisions = self.grid, len(self.driver)
-        steps = np.diff(grid) if grid.ndim == 1 else np.zeros(0)
-        if len(steps) < 1 or not (steps > 0).all() or np.ptp(steps) > 1e-9 * len(grid):
-            raise UserError("grid must be two or more ascending, equally spaced accelerations")
-        for field in fields(self):
-            column = getattr(self, field.name)
-            wide = field.name in ("log_base", "r_env", "r_social")
-            shape = (decisions, len(grid)) if wide else (decisions,)
-            if field.name != "grid" and column.shape != shape:
-                raise UserError(f"column {field.name} has the shape {column.shape}, not {shape}")
-            if column.dtype.kind == "f" and not np.isfinite(column).all():
-                raise UserError(f"column {field.name} holds a number that is not finite")
-        if decisions and np.abs(np.exp(self.log_base).sum(axis=1) - 1).max() > _SUM:
-            raise UserError("log_base must be log-probabilities that sum to 1 in each row")
-        if not np.isin(self.half, (0, 1)).all():
-            raise UserError("half must be 0 or 1")
-
-    def __len__(self) -> int:
-        return len(self.driver)
-
-    @property
-    def chosen(self) -> Int64[np.ndarray, " decision"]:
-        """Index of the acceleration of the grid that is closest to the observed one."""
-        return nearest(self.grid, self.acceleration)
-
-    def rows(self, mask: np.ndarray) -> ChoiceTable:
-        """Return only the decisions of a mask, or of indices."""
-        columns = {f.name: getattr(self, f.name)[mask] for f in fields(self) if f.name != "grid"}
-        return replace(self, **columns)
-
-
-def nearest(grid: Float64[np.ndarray, " candidate"], values: Any) -> Int64[np.ndarray, " decision"]:
-    """Return the index of the closest of equally spaced, ascending accelerations, m/s²."""
-    index = np.rint((np.asarray(values) - grid[0]) / (grid[1] - grid[0]))
-    return np.clip(index, 0, len(grid) - 1).astype(np.int64)
-
 
 AHEAD = 5.0  # s over which progress and losses are counted
 UNIT = 10.0  # m/s; metres are divided by it
