@@ -112,7 +112,6 @@ COMPARED_BESIDE_THEIR_TESTS = {
         "alternatives",
         "audit-power",
         "audits",
-        "classic-control",
         "compare-methods",
         "dial",
         "grid",

@@ -16,7 +16,7 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.storage import packaged_results, read_json
+from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
@@ -27,8 +27,6 @@ from socialiq_lab.study import run
 from socialiq_lab.tables import matching
 from studies.audits import policies as audited
 from studies.audits import study as audits
-from studies.classic_control import runs as control_runs
-from studies.classic_control import study as control
 from studies.compare_priors import study as priors
 from studies.intersection_offline import study as offline
 from studies.intersection_world import study as intersection_world
@@ -356,42 +354,3 @@ def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
     for metrics, their in zip(swept.metrics, theirs, strict=True):
         assert metrics.r_env == pytest.approx(their["r_env"], abs=2e-6)
         assert metrics.r_social == pytest.approx(their["r_social"], abs=2e-6)
-
-
-def test_the_sets_of_classic_control_are_the_committed_ones(tmp_path):
-    """Two sets of each protocol: what is kept, its spread, and the linear fit that identifies."""
-    committed = store.load(packaged_results() / "classic-control")
-    one = (1,)
-    wanted = find("classic-control").Config(
-        tasks=("CartPole",), trajectories=one, protocol_trajectories=one, sets=2
-    )
-    jobs = [job for job in control.plan(wanted) if job.stage == "data"]
-    compared = 0
-    for job in jobs:
-        job.work(job.config, tmp_path, {}, lambda _share: None)
-        for place, row in enumerate(read_json(tmp_path / control_runs.ROWS)):
-            theirs = next(
-                one
-                for one in committed.tables["data"]
-                if one["set"] == place
-                and all(one[key] == row[key] for key in ("task", "protocol", "trajectories"))
-            )
-            for name in ("rows", "expert_return", "cycle", "equal", "spread_kept"):
-                assert row[name] == pytest.approx(theirs[name], abs=2e-3), (job.name, name)
-            compared += 1
-    assert compared == 2 * len(wanted.protocols)
-
-
-@pytest.mark.slow
-def test_five_trajectories_are_enough_for_both_learners(tmp_path):
-    """Of five trajectories every committed policy balances: two sets, one seed, made again."""
-    committed = store.load(packaged_results() / "classic-control").summary["CartPole"]["rows"]["5"]
-    wanted = find("classic-control").Config(
-        tasks=("CartPole",), trajectories=(5,), sets=2, seeds=(10,), episodes=5
-    )
-    for job in control.plan(wanted):
-        if job.name in ("runs/CartPole-rows-5/iq_learn", "runs/CartPole-rows-5/cloning"):
-            job.work(job.config, tmp_path, {}, lambda _share: None)
-            rows = read_json(tmp_path / control_runs.ROWS)
-            assert committed[job.config.method]["worst"] == 500
-            assert {row["mean_return"] for row in rows} == {500.0}

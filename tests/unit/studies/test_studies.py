@@ -31,7 +31,6 @@ TINY = (
     "off-policy",
     "audits",
     "audit-power",
-    "classic-control",
 )
 """Studies that run in one process."""
 
@@ -181,18 +180,6 @@ def check_audit_power(tables, _summary):
     for row in tables["verdicts"]:
         assert row["passed"] + row["failed"] + row["inconclusive"] == pytest.approx(1, abs=1e-5)
     assert all(row["low"] <= row["covered"] <= row["high"] for row in tables["coverage"])
-
-
-def check_classic_control(tables, summary):
-    single = [row for row in tables["returns"] if row["seed"] != "ensemble"]
-    for method in ("iq_learn", "cloning"):
-        returns = [row["mean_return"] for row in single if row["method"] == method]
-        assert len(returns) == 2 and all(1 <= value <= 500 for value in returns)
-        place = summary["CartPole"]["rows"]["1"][method]
-        assert place["mean"] == pytest.approx(sum(returns) / 2, abs=1e-5)
-        assert place["worst"] == min(returns) == place["ensemble_mean"] * 2 - max(returns)
-    assert all(row["expert_return"] == 500 and row["rows"] == 25 for row in tables["data"])
-    assert {row["method"] for row in tables["ablation_returns"]} == {"online: endings worth 0"}
 
 
 def test_what_must_hold_of_its_tables(study):

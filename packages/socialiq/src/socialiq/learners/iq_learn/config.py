@@ -183,7 +183,7 @@ INTERSECTION_SHIFTED_NUMBERS = dataclasses.replace(
     INTERSECTION_CALIBRATED_NUMBERS, prior_weight=5.0
 )
 
-# Few demonstrations without social rewards, offline (docs/reproduction/classic-control.md). At the
+# Few demonstrations without social rewards, offline (docs/studies/history.md). At the
 # thesis' temperature the objective is the likelihood of the actions plus a penalty on r̂; at the
 # temperature 0.001 of the IQ-Learn paper it stops at the first network that makes no mistake.
 # Features should be about 1: set `input_scale` to one over their typical size.
