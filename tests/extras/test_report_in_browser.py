@@ -14,7 +14,7 @@ from socialiq.worlds.registry import make_grid
 
 MEASURE = """() => {
   const root = document.documentElement;
-  const pictures = [...document.querySelectorAll("svg:not(.moving)")];
+  const pictures = [...document.querySelectorAll("svg:not(.moving, .span)")];
   const drawn = pictures.map(svg => svg.getBoundingClientRect());
   return {
     wide: root.scrollWidth, window: root.clientWidth,

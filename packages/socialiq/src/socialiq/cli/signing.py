@@ -8,6 +8,9 @@ from typing import Any
 from socialiq.audit.report import signature
 from socialiq.errors import UserError
 from socialiq.foreign import optional
+from socialiq.reading import read_bytes
+
+_LARGEST_KEY = 1 << 16  # bytes
 
 
 def path_of_signature(file: Path) -> Path:
@@ -35,6 +38,7 @@ def sign_model(file: Path, key: Path) -> bytes:
 def fault_of_model(file: Path, signed: Path, key: Path) -> str:
     """Return why a signature is not of a file and a public key, or "" if it is."""
     config = _library("verifying").Config()
+    read_bytes(key, _LARGEST_KEY)  # the library reads a device to its end
     try:
         config.use_elliptic_key_verifier(public_key=key).verify(file, signed)
     except Exception as error:  # the library raises those of its parsers too

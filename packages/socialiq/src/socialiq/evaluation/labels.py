@@ -31,6 +31,7 @@ TOLERANCE = 1e-4
 """Largest difference of a label from its world's; environments may record in float32."""
 NO_WORLD = "it names no world of ours"
 BLOCK = 512  # episodes that are driven again side by side
+MOST_SEEDS = 1_000_000  # of one source
 _KEEPS_ROWS = (*MIXTURES, "concatenate", "subsample", "one_of_each_block")
 
 
@@ -161,10 +162,18 @@ def _recorded_seeds(sources: Sequence[Mapping[str, Any]], episodes: int) -> np.n
     """Return every seed that sources name; without a number of episodes as many as the table's."""
     ranges = [np.zeros(0, np.int64)]
     for source in sources:
+        listed = source.get("seeds")
+        if isinstance(listed, list) and all(map(_is_seed, listed)):
+            ranges.append(np.array(listed, np.int64))
         first, count = source.get("first_seed", source.get("seed")), source.get("episodes")
-        if isinstance(first, int) and first >= 0:
-            ranges.append(first + np.arange(count if isinstance(count, int) else episodes))
+        if _is_seed(first):
+            count = min(count, MOST_SEEDS) if _is_seed(count) else episodes
+            ranges.append(first + np.arange(count))
     return np.unique(np.concatenate(ranges))
+
+
+def _is_seed(value: Any) -> bool:
+    return isinstance(value, int) and 0 <= value < 2**62
 
 
 def _driven_alike(
@@ -193,4 +202,5 @@ def _driven_alike(
 
 
 def _blocks(values: np.ndarray) -> Iterator[np.ndarray]:
-    yield from np.split(values, range(BLOCK, len(values), BLOCK))
+    for first in range(0, len(values), BLOCK):
+        yield values[first : first + BLOCK]
