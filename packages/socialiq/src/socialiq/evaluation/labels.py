@@ -9,7 +9,7 @@ disagree, it does not make a false label true.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from jaxtyping import Bool
@@ -172,7 +172,7 @@ def _recorded_seeds(sources: Sequence[Mapping[str, Any]], episodes: int) -> np.n
     return np.unique(np.concatenate(ranges))
 
 
-def _is_seed(value: Any) -> bool:
+def _is_seed(value: Any) -> TypeGuard[int]:
     return isinstance(value, int) and 0 <= value < 2**62
 
 
