@@ -8,7 +8,7 @@ import pytest
 
 from socialiq import Demonstrations, RewardPair, UserError, make, tabulate
 from socialiq.demonstrations import mixture
-from socialiq.evaluation.labels import recompute, trusted
+from socialiq.evaluation.labels import MOST_SEEDS, _recorded_seeds, recompute, trusted
 from socialiq.evaluation.rollout import record, rollout_env, trajectory_datasets
 from socialiq.types import Ending
 from socialiq.worlds.intersection import atlas
@@ -106,3 +106,10 @@ def test_what_cannot_be_checked_is_said(grid, source, reason):
     assert reason in checked.reason and checked.agrees.all() and kept is data
     assert line == "" or ("FILE can't be recomputed" in line and reason in line)
     assert (line == "") == ("no world" in reason)
+
+
+def test_seeds_are_those_that_a_file_lists_and_never_more_than_can_be_driven():
+    sources = [{"seeds": [7, 3, 7]}, {"seed": 10, "episodes": 10**18}, {"seeds": ["x"]}]
+    seeds = _recorded_seeds(sources, 2)
+    assert seeds[:3].tolist() == [3, 7, 10] and len(seeds) == MOST_SEEDS + 2
+    assert _recorded_seeds([{"seed": -1}, {"seed": 2**70}], 2).size == 0
