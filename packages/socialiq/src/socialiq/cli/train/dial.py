@@ -99,9 +99,7 @@ class Dial(Printing):
             )
         if not static.demonstrations and self.data is not None:
             raise UserError(f"preset '{name}' takes no demonstrations: leave the file out")
-        if self.labels.collector and not self.data:
-            raise UserError("--collector is of demonstrations: name their file, or leave it out")
-        data = [self.labels.load(self.data)] if self.data else []
+        data = self.labels.load_any(self.data)
         simulator, collector, chunk = None, None, shared.CHUNK
         if self.world in ROADS:
             world, chunk = road_named(self.world), road_training.CHUNK

@@ -145,6 +145,12 @@ class LabelOptions:
     """Public key of who collected the demonstrations, a PEM file: refuse them without its signature
     beside them, FILE.sig, of `collect --key`."""
 
+    def load_any(self, path: Path | None) -> list[Demonstrations]:
+        """Read demonstrations where a file is named; a key of their collector needs one."""
+        if self.collector and not path:
+            raise UserError("--collector is of demonstrations: name their file, or leave it out")
+        return [self.load(path)] if path else []
+
     def load(self, path: Path, continuous: bool = False) -> Demonstrations:
         """Read demonstrations; say on standard error what was dropped, or not checked."""
         key = self.collector
