@@ -91,8 +91,9 @@ def train(
     config: Training, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Train a dial and write it."""
-    made = road_training.of_crosswalks(config.structure, _world(), ENVIRONMENTS)
-    structure, labeller, sizes = made
+    structure, labeller, sizes = road_training.of_crosswalks(
+        config.structure, _world(), ENVIRONMENTS
+    )
     trained = policy_iteration.train(
         structure, [config.numbers], [labeller], sizes, callbacks_of(on_progress)
     )

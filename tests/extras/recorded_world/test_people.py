@@ -141,11 +141,11 @@ def test_the_ego_observes_people(peopled):
     origin = peopled.world.road.origin[WEST]
     at = -40.0 + along - peopled.world.road.state[0, 0]
     place = [-state[1] * -1, -(along + state[0] - at - origin)]
-    seen = rows[np.abs(rows[:, 4]) + np.abs(rows[:, 3]) > 0]
+    visible = rows[np.abs(rows[:, 4]) + np.abs(rows[:, 3]) > 0]
     assert any(
         row[1:3] * 100 == pytest.approx([-place[0], place[1]], abs=0.1)
         and np.hypot(*row[3:5]) * 20 == pytest.approx(1.5, abs=1e-5)
-        for row in seen
+        for row in visible
     )
 
 

@@ -93,11 +93,11 @@ def observed(world: Any, dial: Dial[Any]) -> np.ndarray:
     if isinstance(world, gymnasium.Env):
         return rollout_env(world, dial.at(dial.low), 1, 0).transitions.observation
     rows = record(world.batch(16), dial.at(dial.low), range(16), "dial").transitions
-    seen = (rows if rows.n_features == dial.n_features else rows.with_clock()).observation
+    observations = (rows if rows.n_features == dial.n_features else rows.with_clock()).observation
     if dial.n_features >= world.n_features:
-        return seen
+        return observations
     people = range(world.narrow, world.n_features)  # whom the dial does not observe
-    return np.delete(seen, people, axis=1)[:, : dial.n_features]
+    return np.delete(observations, people, axis=1)[:, : dial.n_features]
 
 
 def complain_if_it_stands(name: str, dial: Dial[Any], observations: np.ndarray) -> None:

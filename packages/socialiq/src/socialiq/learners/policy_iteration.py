@@ -224,8 +224,8 @@ class DialIteration(Learner):
     ) -> tuple[Array, Terms]:
         """The regression's loss of both rewards, or at the end the expected score's."""
         (observation, returns), progress = batch
-        seen, direction = _turned(observation, self.static.classes)
-        values = jax.vmap(network.value_pair)(seen, direction)
+        features, direction = _turned(observation, self.static.classes)
+        values = jax.vmap(network.value_pair)(features, direction)
         errors = [
             regression_error(output, value, hyperparameters.value_weight).mean()
             for output, value in zip(values.parts, returns.parts, strict=True)
@@ -297,8 +297,8 @@ def greedy(dial: DialPolicy | ClassDial) -> Act:
         encode = PresentRows(view)
 
     def act(observation: np.ndarray) -> np.ndarray:
-        seen, direction = _turned(observation, classes)
-        columns = [encode(seen) if encode else seen, *angle_columns(direction, knots)]
+        features, direction = _turned(observation, classes)
+        columns = [encode(features) if encode else features, *angle_columns(direction, knots)]
         outputs = layers.q_values(np.concatenate(columns, axis=-1))
         if dial.pairs:
             form = jax.tree.structure(direction)

@@ -265,8 +265,8 @@ class ImproveDial(Printing):
         if self.dial is None:
             presets = road_training.CROSSWALK, road_training.CROSSWALK_NUMBERS
             structure, numbers = self.options.apply(presets, settings)
-            made = road_training.of_crosswalks(structure, world, self.environments)
-            return made[0], numbers, *made[1:], None
+            learned = road_training.of_crosswalks(structure, world, self.environments)
+            return learned[0], numbers, *learned[1:], None
         presets = road_training.ITERATION, road_training.ITERATION_NUMBERS
         structure, numbers = self.options.apply(presets, settings)
         start = DialPolicy.load(self.dial)

@@ -19,7 +19,7 @@ const [SLOWER, IDLE, FASTER] = [0, 1, 2];
 function keptEpisodes() {
   try {
     const kept = JSON.parse(window.localStorage.getItem(KEPT) ?? "[]");
-    const right = ({ seed, actions }) => Number.isSafeInteger(seed) && seed >= 0 && Array.isArray(actions) && actions.length > 0 && actions.every((one) => [SLOWER, IDLE, FASTER].includes(one));
+    const right = ({ seed, actions }) => Number.isSafeInteger(seed) && seed >= 0 && Array.isArray(actions) && actions.length > 0 && actions.every((action) => [SLOWER, IDLE, FASTER].includes(action));
     return Array.isArray(kept) ? kept.filter(right) : [];
   } catch {
     return [];

@@ -25,7 +25,7 @@ export function likeliest(rows, decisions) {
   const draw = (below) => ((word = (word * 48271) % 2147483647) % below);
   const [first, last, most] = best(rows);
   const drawn = Array.from({ length: RESAMPLES }, () => best(rows.map(() => rows[draw(rows.length)])));
-  const sorted = (end) => drawn.map((one) => one[end]).sort((one, other) => one - other);
+  const sorted = (end) => drawn.map((ends) => ends[end]).sort((first, second) => first - second);
   const low = sorted(0)[Math.floor(0.025 * RESAMPLES)];
   const high = sorted(1)[Math.ceil(0.975 * RESAMPLES) - 1];
   return { place: Math.round((first + last) / 2), low: Math.min(low, first), high: Math.max(high, last), share: most / decisions };

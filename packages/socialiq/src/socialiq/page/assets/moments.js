@@ -64,7 +64,7 @@ export function momentsOf(film, beside, layout) {
   const seconds = (frames) => `${Math.round(frames / rate)} s`;
   const said = [[0, ""]];
   if (stands && stands[1] - stands[0] >= rate) said.push([stands[0], "waits"]);
-  passed.sort((one, other) => one[1] - other[1]).forEach(([, when], number) => said.push([when, `lets ${cars(number + 1)} pass`]));
+  passed.sort((first, second) => first[1] - second[1]).forEach(([, when], number) => said.push([when, `lets ${cars(number + 1)} pass`]));
   if (mine.ego < Infinity) said.push([mine.ego, "goes"]);
   for (const [, [from]] of braked) said.push([from, "a car has to brake hard"]);
   const last = film.frames.length - 1;
@@ -72,7 +72,7 @@ export function momentsOf(film, beside, layout) {
   const end = { arrival: `arrives after ${seconds(last)}`, collision: `collides after ${seconds(last)}`, timeout: `still waits after ${seconds(last)}` }[name];
   const counts = [passed.length ? `lets ${cars(passed.length)} pass` : "", braked.length ? `makes ${cars(braked.length)} brake hard` : ""].filter(Boolean);
   said.push([last, [end, ...counts].join(", ")]);
-  said.sort((one, other) => one[0] - other[0]);
+  said.sort((first, second) => first[0] - second[0]);
   const summary = [...counts, end].join(counts.length > 1 ? ", " : " and ");
   return { summary, at: (frame) => said.filter(([when]) => when <= frame).pop()[1] };
 }

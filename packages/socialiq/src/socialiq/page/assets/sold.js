@@ -13,8 +13,8 @@ const ORDER = [2, 0, 1];
 
 /** Return the covariance of the mean of pairs: `[env, both, social]`. */
 function covariance(pairs, [env, social]) {
-  const sum = pairs.reduce((all, one) => {
-    const [x, y] = [one.env - env, one.social - social];
+  const sum = pairs.reduce((all, episode) => {
+    const [x, y] = [episode.env - env, episode.social - social];
     return [all[0] + x * x, all[1] + x * y, all[2] + y * y];
   }, [0, 0, 0]);
   return sum.map((value) => value / (pairs.length - 1) / pairs.length);
@@ -38,7 +38,7 @@ function pointAt(curve, angle) {
  * @param {{env: number, social: number}[]} episodes Their sums.
  */
 export function notExcluded(episodes, curve) {
-  const means = ["env", "social"].map((name) => meanOf(episodes.map((one) => one[name]))[0]);
+  const means = ["env", "social"].map((name) => meanOf(episodes.map((episode) => episode[name]))[0]);
   const [ee, es, ss] = covariance(episodes, means);
   const angles = [];
   for (let angle = Math.ceil(curve[0].asked); angle <= curve[curve.length - 1].asked; angle += 1) {
@@ -72,7 +72,7 @@ export class Sold {
   /** Drive a car's episodes in the background and say which angles they don't exclude. */
   async check(number, button) {
     const buttons = [...this.find("cars").children];
-    buttons.forEach((one) => { one.disabled = true; one.setAttribute("aria-pressed", String(one === button)); });
+    for (const other of buttons) { other.disabled = true; other.setAttribute("aria-pressed", String(other === button)); }
     this.find("verdict").textContent = "";
     this.find("why").textContent = `Driving car ${number + 1} through ${EPISODES} episodes ...`;
     try {
@@ -81,7 +81,7 @@ export class Sold {
     } catch (error) {
       this.find("why").textContent = error.message;
     }
-    buttons.forEach((one) => (one.disabled = false));
+    for (const other of buttons) other.disabled = false;
   }
 
   tell(number, episodes) {
@@ -90,7 +90,7 @@ export class Sold {
     const range = angles.length ? (angles.length > 1 ? `${angles[0]}° to ${angles[angles.length - 1]}°` : `${angles[0]}°`) : "no angle of this dial";
     this.find("verdict").textContent = passes ? `Yes: it drives as a car of ${this.declared}° does.` : `No: it does not drive as a car of ${this.declared}° does.`;
     this.find("verdict").dataset.passes = String(passes);
-    const [env, social] = ["env", "social"].map((name) => meanOf(episodes.map((one) => one[name])));
+    const [env, social] = ["env", "social"].map((name) => meanOf(episodes.map((episode) => episode[name])));
     this.find("why").textContent = `The same driving would have passed as ${range}. Compared: both mean rewards of ${EPISODES} fresh episodes with the dial's own at every angle, each at the level of 5 %. Truth: it is the dial at ${this.cars[number]}°.`;
     this.strip(angles);
     this.plot.show([{ place: 2, letter: String(number + 1), angle: this.cars[number] }], [{ env, social }]);

@@ -306,9 +306,9 @@ class Episode:
     def observation(self) -> Float32[np.ndarray, " feature"]:
         """Rows of the ego and of vehicles and bicycles near it, as at the intersection."""
         rows = np.zeros((self.scene.options.road.observed_vehicles, len(FEATURES)), np.float32)
-        seen = [body for body in self.bodies if class_of(body.name) != "pedestrian"]
-        me = seen[0]
-        along = [body.x * me.along_x + body.y * me.along_y for body in seen]
+        visible = [body for body in self.bodies if class_of(body.name) != "pedestrian"]
+        ego = visible[0]
+        along = [body.x * ego.along_x + body.y * ego.along_y for body in visible]
         view = along, 0.0, SIGHT.view(np.recarray)[0], 0, len(rows)
-        observe(seen, len(seen), 0, view, rows)
+        observe(visible, len(visible), 0, view, rows)
         return rows.ravel()

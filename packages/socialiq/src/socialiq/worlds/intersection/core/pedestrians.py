@@ -144,19 +144,26 @@ def brake(vehicles, slot, settings):
 
 
 @kernel
+def _side_of_coming(person, vehicle, seconds, skips_agents):
+    """Return the lane's side of a vehicle on the crosswalk or there within some seconds; else 0."""
+    if skips_agents and vehicle.agent >= 0:
+        return 0
+    ahead, side = metres_to(vehicle, person.origin)
+    gap = ahead - _REACH
+    if ahead < -_REACH:
+        return 0
+    if gap <= 0.0 or (vehicle.speed > STANDS and gap < seconds * vehicle.speed):
+        return side
+    return 0
+
+
+@kernel
 def _waits(person, vehicles, count, skips_agents, settings):
     """Whether a person at the kerb waits for a vehicle, agents left out if so asked."""
     need = person.time_headway - settings.impatience * person.jam_distance
     need = max(need, settings.least_gap)
     for slot in range(count):
-        vehicle = vehicles[slot]
-        if skips_agents and vehicle.agent >= 0:
-            continue
-        ahead, side = metres_to(vehicle, person.origin)
-        gap = ahead - _REACH
-        if side == 0 or ahead < -_REACH:
-            continue
-        if gap <= 0.0 or (vehicle.speed > STANDS and gap < need * vehicle.speed):
+        if _side_of_coming(person, vehicles[slot], need, skips_agents) != 0:
             return True
     return False
 
@@ -165,16 +172,8 @@ def _waits(person, vehicles, count, skips_agents, settings):
 def _is_stopped(person, vehicles, count, skips_agents):
     """Whether a person on the crosswalk stops for a vehicle that is there, or will be at once."""
     for slot in range(count):
-        vehicle = vehicles[slot]
-        if skips_agents and vehicle.agent >= 0:
-            continue
-        ahead, side = metres_to(vehicle, person.origin)
-        gap = ahead - _REACH
-        if side == 0 or ahead < -_REACH:
-            continue
-        there = gap <= 0.0 or (vehicle.speed > STANDS and gap < GLANCE * vehicle.speed)
-        before = _to_lane(person, side) - _STRIP
-        if there and 0.0 < before < 0.5:
+        side = _side_of_coming(person, vehicles[slot], GLANCE, skips_agents)
+        if side != 0 and 0.0 < _to_lane(person, side) - _STRIP < 0.5:
             return True
     return False
 
