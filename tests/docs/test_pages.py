@@ -84,6 +84,13 @@ def test_the_readme_is_short_and_uses_the_public_interface_alone():
     assert re.findall(r"^\s*(?:import|from) (socialiq\S*)", block, re.MULTILINE) == ["socialiq"]
 
 
+def test_the_documentation_has_at_most_60000_words():
+    """A word has a letter or a digit; tables and code count."""
+    text = " ".join(page.read_text() for page in ROOT.glob("docs/**/*.md"))
+    words = [word for word in text.split() if re.search(r"\w", word)]
+    assert 10_000 < len(words) <= 60_000
+
+
 def test_the_picture_of_the_readme_is_drawn_from_the_committed_table(tmp_path):
     path = ROOT / "docs" / "pictures" / "front.py"
     spec = importlib.util.spec_from_file_location("front", path)
