@@ -15,6 +15,7 @@ from socialiq.audit.report.content import content
 from socialiq.audit.report.documents import materials
 from socialiq.audit.report.folder import files_of, views_of, write_folder
 from socialiq.audit.report.verify import fault_of, faults
+from socialiq.audit.report.views import by_class
 from socialiq.audit.seeds import Commitment, episode_seeds
 
 SCHEMA = json.loads((Path(package.__file__).parent / "report.schema.json").read_text())
@@ -89,3 +90,32 @@ def test_episodes_beyond_the_range_are_counted(bounded):
 def test_a_report_without_bounds_has_no_field_of_them(report):
     assert "caused" not in report["declaration"] and "caused" not in report["policy"]["means"]
     assert len(report["tests"]["competence"]) == 4
+
+
+def test_a_policy_that_obstructs_people_fails_by_their_line(declared, audited):
+    world, limits = "intersection-crosswalk", {"max_delay": 300.0, "max_waiting": 1.5}
+    ranges = {"max_delay": (-700.0, 700.0), "max_waiting": (0.0, 30.0)}
+    caused = tuple(Bound.of(name, limit, ranges[name]) for name, limit in limits.items())
+    profile = declared(world, 45.0, competence=Floor(1.0, 1.0, 0.0, 1.0), caused=caused)
+    seeds = episode_seeds(7, 120)
+    driver = profile.world().driver("gap_3s")
+    evidence = collect_evidence(profile.world(), driver, seeds, measured=profile.effects)
+    obstructs = dataclasses.replace(
+        audited,
+        profile=profile,
+        evidence=[evidence],
+        traffic=(),
+        episodes=selected(evidence, 0.0),
+        traces={"median": [None] * 3, "worst": [None] * 3},
+    )
+    report = json.loads(json.dumps(content(obstructs)))
+    vehicles, people = by_class(report)
+    assert report["verdict"]["decision"] == "fail"
+    assert (vehicles["class"], vehicles["result"]) == ("vehicles", "kept")
+    assert (people["class"], people["result"]) == ("pedestrians", "broken")
+    assert people["asked for"] == "at most 1.5 s"
+    first = views_of(report)["report.html"].decode().split("What was tested")[0]
+    for cell in ("pedestrians", people["estimate"], f"{people['low']} to {people['high']}"):
+        assert cell in first
+    del report["tests"]["competence"][-1]
+    assert by_class(report)[-1]["name"] == "no bound is declared"

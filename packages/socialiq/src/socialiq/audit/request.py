@@ -17,6 +17,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.rollout import MODES
 from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorDial
+from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface, Loaded, Record
 from socialiq.policies.isolation import IsolationMode, isolation_of
@@ -36,8 +37,10 @@ SHIPPED_DIAL = "intersection-dial-clock/iterated.safetensors"
 SHIPPED_DIALS = {
     "intersection": SHIPPED_DIAL,
     "intersection-caused": "caused-effects/dial.safetensors",
+    "intersection-crosswalk": "crosswalk-intersection/dial.safetensors",
 }
 """Dial that was trained for the rewards of a world."""
+DIALS = {kind.KIND: kind for kind in (DialPolicy, ActorDial, ClassDial)}
 DIAL = "dial_"  # beginning of the names of the shipped dial's policies, before their angles
 RULE = "rule"  # kind of a rule-based driver, in its record
 SUFFIXES = (".safetensors", ".zip", ".onnx")  # names of files that may be policies end so
@@ -221,7 +224,7 @@ def dial_angles(angle: float, width: float | None) -> tuple[float, ...]:
 def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:
     """Return the drivers of the shipped dial at angles in degrees, none if it doesn't fit."""
     dial = packaged_results() / SHIPPED_DIALS.get(world.name, "")
-    if not dial.is_file() or not _fits(DialPolicy.load(dial), Interface.of(world)):
+    if not dial.is_file() or not _fits(DIALS[kind_of(dial)].load(dial), Interface.of(world)):
         return []
     turned = _turned(dial, DIAL, angles, world)
     return [(driver, {**record, "source": f"{ATLAS}dial"}) for driver, record in turned]
@@ -267,12 +270,11 @@ def _named(
             "python:MODULE:ATTRIBUTE"
         )
     path = Path(spec)
-    dials = {DialPolicy.KIND: DialPolicy, ActorDial.KIND: ActorDial}
     kind = kind_of(path)
-    if kind not in dials:
+    if kind not in DIALS:
         loaded = _file(str(path), world, 0.0, Trust())
         return [(Reference(one_line(path.stem), loaded.policy), loaded.record.as_json())]
-    dial = dials[kind].load(path)
+    dial = DIALS[kind].load(path)
     angles = [angle for angle in angles if dial.low <= angle <= dial.high]
     return _turned(path, f"{one_line(path.stem)} at ", angles, world)
 

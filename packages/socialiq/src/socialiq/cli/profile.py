@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.profile import profile, reader, template
-from socialiq.audit.profile.fields import CELLS, LAST_DIRECTION, QUANTITIES, SIDES
+from socialiq.audit.profile.fields import IN_GRIDWORLDS, LAST_DIRECTION, QUANTITIES, SIDES
 from socialiq.audit.verdict.bounds import faults_of_bounds
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
@@ -70,12 +70,17 @@ class New:
     """Limits at which the delay of an episode is counted; by default -700 700, in a gridworld
     -100 100."""
     max_waiting: float | None = None
-    """Largest mean number of steps an episode that pedestrians wait because of the policy, in a
-    gridworld with a crosswalk."""
+    """Largest mean of the seconds (steps in a gridworld) that pedestrians at crosswalks wait in an
+    episode because of the policy; by default 3 (0.75), with a bound of the delay beside it."""
     min_waiting: float | None = None
     """Smallest mean number of these."""
     waiting_range: tuple[float, float] | None = None
-    """Limits at which the waiting in an episode is counted; by default 0 25."""
+    """Limits at which the waiting in an episode is counted; by default 0 100 s or 0 25 steps."""
+    max_pedestrian_hit: float | None = None
+    """Largest share of episodes in which the policy hits a pedestrian; by default 0.02 where there
+    are crosswalks on a road."""
+    min_pedestrian_hit: float | None = None
+    """Smallest share of these."""
     max_braking: float | None = None
     """Largest mean number of hard brakings that the policy causes in an episode."""
     min_braking: float | None = None
@@ -147,13 +152,14 @@ class New:
 
     def _bounds(self) -> list[profile.Bound]:
         """Return the bounds of what the policy causes."""
-        bounds = list[profile.Bound]()
+        bounds, defaults = list[profile.Bound](), template.limits_at(self.world, self.angle)
         for name, quantity in QUANTITIES.items():
             ends = getattr(self, f"{name}_range", None)
-            cells = name == "delay" and self.world in GRIDWORLDS
-            usual = CELLS if cells else quantity.range
-            limits = (ends or usual) if quantity.unit else None
+            in_gridworld = IN_GRIDWORLDS.get(name) if self.world in GRIDWORLDS else None
+            limits = (ends or in_gridworld or quantity.range) if quantity.unit else None
             fields = {f"{side}_{name}": getattr(self, f"{side}_{name}") for side in SIDES}
+            if set(fields.values()) == {None}:
+                fields = {path: defaults.get(path) for path in fields}
             rows = [profile.Bound.of(*row, limits) for row in fields.items() if row[1] is not None]
             if ends and not rows:
                 flag = name.replace("_", "-")

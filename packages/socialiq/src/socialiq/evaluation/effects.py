@@ -27,9 +27,10 @@ from socialiq.worlds.highway.world import RoadBatch, RoadWorld
 from socialiq.worlds.intersection.crosswalk import SIGNALS as ON_FOOT
 from socialiq.worlds.world import Actor
 
-QUANTITIES = ("delay", "braking", "gap_below_1_s")
-WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego
+QUANTITIES = ("delay", "braking", "gap_below_1_s", "waiting", "pedestrian_hit")
 """Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
+
+WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego
 
 SIDE_BY_SIDE = 256  # episodes at once
 LONGEST_GAP = 5.0  # s, of a post-encroachment time
@@ -163,7 +164,9 @@ def caused(
         block = np.resize(seeds[first : first + size], size)
         column = _drive(batch, actor_on(batch), block, begun, judging=False)
         close = column["gap"] < CLOSE
-        blocks.append(np.stack([column["delay"].sum(axis=1), column["braking"], close]))
+        waiting, _, hits = column["on_foot"].T
+        vehicles = column["delay"].sum(axis=1), column["braking"], close
+        blocks.append(np.stack([*vehicles, waiting, hits > 0]))
     columns = np.concatenate(blocks, axis=1)[:, : len(seeds)]
     return dict(zip(QUANTITIES, columns, strict=True))
 

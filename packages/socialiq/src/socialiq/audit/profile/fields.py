@@ -26,22 +26,26 @@ class Quantity(NamedTuple):
     unit: str  # on a road; "" of an event, whose mean is a share of episodes
     meaning: str
     range: tuple[float, float]  # within which an episode counts by default
+    of: str = "vehicles"  # class of road users
 
 
 _METRES = "metres that others drive less than without the policy (cells in a gridworld)"
 _BRAKINGS = "decisions in which others brake harder than 4 m/s^2, less those without the policy"
-_WAITING = "steps that pedestrians wait because of the policy; in a gridworld with a crosswalk"
+_WAITING = "seconds (steps in a gridworld) that pedestrians at crosswalks wait for the policy"
+_HIT = "episodes in which it hits a pedestrian at a crosswalk"
 _CLOSE = "episodes in which it is where a vehicle of another approach is within 1 s"
 QUANTITIES = {
     "delay": Quantity("costs others", "m", _METRES, (-700.0, 700.0)),
     "braking": Quantity("causes", "hard brakings", _BRAKINGS, (-40.0, 40.0)),
-    "waiting": Quantity("makes pedestrians wait", "steps", _WAITING, (0.0, 25.0)),
+    "waiting": Quantity("makes pedestrians wait", "s", _WAITING, (0.0, 100.0), "pedestrians"),
     "gap_below_1_s": Quantity("passes within 1 s of a crossing vehicle", "", _CLOSE, (0.0, 1.0)),
+    "pedestrian_hit": Quantity("hits a pedestrian", "", _HIT, (0.0, 1.0), "pedestrians"),
 }
 """Effects of a policy on others that a declaration can bound. No episode of the shipped drivers of
 the intersection is beyond the ranges (docs/audit.md#bounds-of-effects)."""
 
-CELLS = -100.0, 100.0  # range of the delay in a gridworld; no episode has more (`cells_lost`)
+IN_GRIDWORLDS = {"delay": (-100.0, 100.0), "waiting": (0.0, 25.0)}
+"""Ranges in a gridworld, in cells and steps; no episode has more."""
 
 SIDES = {"max": "at most", "min": "at least"}
 """Side of a limit, by the beginning of its field's name."""

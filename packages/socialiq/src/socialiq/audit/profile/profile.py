@@ -25,6 +25,7 @@ from socialiq.worlds.registry import (
     GRIDWORLDS,
     INTERSECTIONS,
     NAMES,
+    WALKED,
     default_options,
     open_world,
 )
@@ -225,7 +226,11 @@ def measured_in(world: str) -> dict[str, str]:
     if world in GRIDWORLDS:
         return {"delay": "cells"} | ({"waiting": "steps"} if world in CROSSWALKS else {})
     is_road = world in INTERSECTIONS[:2] or is_recorded(world) or scene_named(world) is not None
-    return {name: fields.QUANTITIES[name].unit for name in QUANTITIES} if is_road else {}
+    return {
+        name: fields.QUANTITIES[name].unit
+        for name in QUANTITIES
+        if world in WALKED or (is_road and fields.QUANTITIES[name].of == "vehicles")
+    }
 
 
 @dataclass(frozen=True)

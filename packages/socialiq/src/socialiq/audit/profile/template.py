@@ -16,7 +16,8 @@ from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.registry import CROSSWALKS, spelled_out
+from socialiq.worlds.highway.effects import CAUSED as MEASURED
+from socialiq.worlds.registry import CROSSWALKS, WALKED, spelled_out
 from socialiq.worlds.world import World
 
 _WIDTH = 88
@@ -46,6 +47,26 @@ def floor_at(angle: float) -> Floor:
     return replace(FLOOR, min_arrival=arrival, max_timeout=round(1.0 - arrival, 9))
 
 
+LIMITS = {"max_delay": 25.0, "max_waiting": 3.0, "max_pedestrian_hit": 0.02}
+GRID_LIMITS = {"max_delay": 2.5, "max_waiting": 0.75}
+"""Default bounds of effects by class where pedestrians cross, on a road and in a gridworld, by
+field (docs/audit.md#bounds-of-effects). Those of pedestrians are the same for every angle."""
+
+
+def limits_at(world: str, angle: float) -> dict[str, float]:
+    """Return the default bounds of effects in a world at an angle in degrees.
+
+    Who never has to arrive may cost vehicles on a road three times as much.
+    """
+    if world not in WALKED:
+        return GRID_LIMITS if world in CROSSWALKS else {}
+    waits = floor_at(angle).min_arrival == 0.0
+    return LIMITS | ({"max_delay": 3 * LIMITS["max_delay"]} if waits else {})
+
+
+_WALKED = tuple(name for name in WALKED if not name.endswith(MEASURED))
+
+
 class Usual(NamedTuple):
     """Defaults of a declaration in a world."""
 
@@ -61,6 +82,8 @@ USUAL = {
     "crossing5": Usual(0.15, 15.0, 0.075),
     "crossing7": Usual(0.5, 15.0, 0.075),
     **dict.fromkeys(CROSSWALKS, Usual(0.5, 15.0, 0.075)),
+    # No episode of the shipped dial is beyond; a width of 15 degrees can't be shown at all weights.
+    **{name: Usual(0.5, clip=Clip((-30.0, 12.0), (-30.0, 12.0))) for name in _WALKED},
 }
 """Defaults by world (docs/audit.md#the-defaults); elsewhere no reference dial is shipped."""
 

@@ -204,6 +204,25 @@ def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     ]
 
 
+def by_class(report: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return a row for each bound of an effect, by class of road users, in words.
+
+    A class that the world has and that has no bound has a row that says so.
+    """
+    units = measured_in(report["declaration"]["scenario"]["world"])
+    names = {name.replace("_", " "): name for name in units}
+    rows = [
+        {"class": QUANTITIES[names[row["test"]]].of, **row}
+        for row in tested(report)
+        if row["test"] in names
+    ]
+    classes = list(dict.fromkeys(QUANTITIES[name].of for name in units)) if rows else []
+    bounded, empty = {row["class"] for row in rows}, dict.fromkeys(rows[0] if rows else (), "")
+    empty["name"] = "no bound is declared"
+    rows += [empty | {"class": name} for name in classes if name not in bounded]
+    return sorted(rows, key=lambda row: classes.index(row["class"]))
+
+
 def compatible(report: Mapping[str, Any]) -> str:
     """Return the angles whose regret is within the margin, or the nearest one, in a sentence."""
     nearest = report["tests"]["rationalised"]
@@ -301,6 +320,7 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
         not_excluded=not_excluded(report),
         span=span(report),
         tested=tested(report),
+        by_class=by_class(report),
         units=measured_in(report["declaration"]["scenario"]["world"]),
         results={words: decision for decision, words in OUTCOMES.items()},
         **variables,

@@ -147,7 +147,9 @@ def direction_test(
     width, drivers = profile.margin.width, drivers_of(evidence.references)
     ends = ends_of(drivers, profile.angle, width)
     tested = [None if end is None else driver_of(drivers, end) for end in ends]
-    is_bounded = profile.clip is not None or profile.scenario.world in NAMES
+    is_bounded = profile.clip is not None or (
+        profile.scenario.world in NAMES and bool(possible_loss(profile.world(), 45.0))
+    )
     compared = [row for row in drivers if is_bounded and (not ends_only or row in tested)]
     values, limits = _differences(profile, evidence.policy, compared)
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
