@@ -30,7 +30,7 @@ DRIVERS = "go", "wait", "gap_3s", "random"
 MODELS = "IDM", "Krauss"
 HORIZON, LEAST = 30.0, 2.0  # s to the common end; m from which a delay has a sign
 ARMS = "SWNE"
-LENGTH = 100.0  # m of an approach
+LENGTH, LIMIT = 100.0, 10.0  # m of an approach, m/s of every lane
 
 Row = dict[str, Any]
 
@@ -52,7 +52,8 @@ class Copied(Scene):
             kind = EGO if name == EGO else "vehicle"
             self.lines.append(
                 f'<vehicle id="{name}" type="{kind}" depart="0" departLane="best" '
-                f'departPos="{front:.3f}" departSpeed="{min(vehicle["speed"], 10.0):.3f}" '
+                f'departPos="{front:.3f}" departSpeed="{min(vehicle["speed"], LIMIT):.3f}" '
+                f'speedFactor="{min(vehicle["target_speed"] / LIMIT, 1.0):.4f}" '
                 f'insertionChecks="none"><route edges="{ways[0]}C C{ways[1]}"/></vehicle>'
             )
 

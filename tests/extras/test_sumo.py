@@ -13,6 +13,7 @@ pytest.importorskip("libsumo", reason="extra `sumo` is not installed")
 
 from socialiq.cli.main import main
 from socialiq.worlds.registry import make
+from socialiq.worlds.sumo.network import NETS
 
 SLOWER, IDLE, FASTER = range(3)
 EMPTY = {"vehicle_rate": 0.0, "bicycle_rate": 0.0, "pedestrian_rate": 0.0}
@@ -112,6 +113,27 @@ def test_commands_take_worlds_in_sumo(tmp_path, capsys):
     dial = "results/caused-effects/dial.safetensors"
     assert main(["evaluate", dial, "--world", "sumo", "--angle", "45", "--episodes", "2"]) == 0
     assert "observe vehicles and bicycles, and no pedestrians" in capsys.readouterr().err
+    assert main(["evaluate", "wait", "--world", "sumo", "--episodes", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["arrival"] == 0.0
+
+
+def test_a_declaration_names_the_network_and_the_demand(tmp_path, capsys):
+    net, demand = tmp_path / "mine.net.xml", tmp_path / "mine.rou.xml"
+    net.write_text(NETS["crossing"].read_text())
+    flow = '<flow id="a" begin="0" end="300" vehsPerHour="{}" from="WC" to="CE"/>'
+    demand.write_text(f"<routes>{flow.format(600)}</routes>")
+    assert main(["world", "sumo", str(net), "--demand", str(demand), "--json"]) == 0
+    described = json.loads(capsys.readouterr().out)
+    assert described["demand"] == {"vehicle": 50, "bicycle": 0, "pedestrian": 0}
+    assert 5 < described["entered"]["vehicle"] < 10
+    declare = ["profile", "new", "--world", str(net), "--angle", "45", "--set", f"demand={demand}"]
+    assert main([*declare, "--out", str(tmp_path / "p.toml")]) == 0
+    assert main(["profile", "check", str(tmp_path / "p.toml")]) == 0
+    for file, text in ((demand, demand.read_text()), (net, net.read_text())):
+        file.write_text(text.replace("600", "300").replace("</net>", "</net>\n"))
+        assert main(["profile", "check", str(tmp_path / "p.toml")]) == 2
+        assert "is of another world" in capsys.readouterr().err
+        file.write_text(text)
 
 
 def test_the_referee_repeats_its_results():

@@ -41,7 +41,7 @@ def without_crossings(text):
     ("change", "message"),
     [
         (lambda text: text[:-20], "is not XML"),
-        (lambda text: "<routes/>", "is no network but <routes>"),
+        (lambda text: "<routes/>", "has no <net> but <routes>"),
         (lambda text: text.replace(' length="100.00"', ""), "lacks 'length' somewhere"),
         (lambda text: text.replace("<connection ", "<link "), "no way on which a car enters"),
         (lambda text: text.replace('disallow="pedestrian bicycle"', 'allow="tram"'), "no way on"),

@@ -1,14 +1,24 @@
 """People on foot at the intersection: what changes with them, what they cause and observe."""
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of, on_foot_row
 from socialiq.evaluation.shield import shielded
+from socialiq.worlds import WALKED_IDS
 from socialiq.worlds.highway.options import FEATURES
-from socialiq.worlds.intersection.core.pedestrians import GONE, HALF_WIDTH, MIDDLE, WAITING, WALKING
-from socialiq.worlds.intersection.crosswalk import SIGNALS, CrosswalkOptions, people
+from socialiq.worlds.intersection.core.pedestrians import (
+    CLASS,
+    GONE,
+    HALF_WIDTH,
+    MIDDLE,
+    WAITING,
+    WALKING,
+)
+from socialiq.worlds.intersection.crosswalk import PERSON, SIGNALS, CrosswalkOptions, people
 from socialiq.worlds.registry import make
 
 ROWS, VEHICLES = 60, 70  # episodes; numbers of the vehicles' rows
@@ -215,6 +225,24 @@ def test_a_shield_keeps_a_rule_from_hitting_people():
         shielded(plain.driver("go"), plain.batch(1), 2.0)
     with pytest.raises(UserError, match="positive"):
         shielded(world.driver("go"), world.batch(1), -1.0)
+
+
+def test_the_environment_is_the_world_with_its_options():
+    options = {"pedestrian_rate": 0.3, "class_angle": 90.0}
+    env = gymnasium.make(WALKED_IDS["intersection-crosswalk"], **options)
+    check_env(env.unwrapped, skip_render_check=True)
+    batch = make("intersection-crosswalk", **options).batch(1)
+    observation, _ = env.reset(seed=3)
+    np.testing.assert_array_equal(observation, batch.reset([3])[0])
+    seen = set()
+    for _ in range(6):
+        observation, _, _, _, info = env.step(FASTER)
+        decisions = batch.step([FASTER], auto_reset=False)
+        np.testing.assert_array_equal(observation, decisions.observation[0])
+        assert info["reward_pair"][1] == decisions.rewards.social[0]
+        assert env.observation_space.contains(observation)
+        seen |= set(observation[:: len(FEATURES)].tolist())
+    assert PERSON == CLASS and CLASS in seen
 
 
 def test_a_value_that_no_world_has_is_refused():

@@ -33,7 +33,7 @@ from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds import SUMO_IDS, SUMO_NET, UNSEEN
+from socialiq.worlds import SUMO_IDS, UNSEEN, in_sumo
 from socialiq.worlds.environment import make_environment
 from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout
 from socialiq.worlds.highway.scenes import SCENES
@@ -100,8 +100,8 @@ class EffectsOf(Printing):
         if self.out:
             check_output_folder(self.out)
         episodes: list[Row] = []
-        in_sumo = self.world in SUMO_IDS or self.world.endswith(SUMO_NET)
-        driven = self.in_sumo if in_sumo else self.driven
+        simulated = in_sumo(self.world)
+        driven = self.in_sumo if simulated else self.driven
         rows, about = self.exact() if self.world in GRIDWORLDS else driven(episodes)
         result = {"world": self.world, **about, "drivers": rows}
         if self.out:
@@ -110,7 +110,7 @@ class EffectsOf(Printing):
                 write_json(folder / "effects.json", rounded(result | {"versions": versions()}))
                 if episodes:
                     write_atomically(folder / "episodes.csv", as_csv(episodes))
-                if episodes and not in_sumo:
+                if episodes and not simulated:
                     write_atomically(
                         folder / "effects.png", style.png({"": effects_figure(rows)})[""]
                     )

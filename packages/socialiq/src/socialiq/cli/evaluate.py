@@ -32,17 +32,13 @@ from socialiq.worlds import (
     IDS,
     SCENE_IDS,
     SUMO_IDS,
-    SUMO_NET,
     UNSEEN,
     environment,
+    in_sumo,
     registry,
 )
 
-TIMED = (
-    *(SCENE_IDS | SUMO_IDS),
-    *(SCENE_IDS | SUMO_IDS | CONTINUOUS_IDS).values(),
-    IDS["intersection"],
-)
+TIMED = (*SCENE_IDS, *(SCENE_IDS | SUMO_IDS | CONTINUOUS_IDS).values(), IDS["intersection"])
 """Roads of highway-env and worlds in SUMO, which show the time where a policy takes it."""
 
 
@@ -61,8 +57,8 @@ class Evaluate(Printing):
     others drove, with 95 % intervals, by fitted Q evaluation and by weighted importance sampling,
     and a line says what the data can't support.
 
-    At the intersection a rule-based driver (go, wait, idm, gap_3s, ...) or a policy of the atlas
-    (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
+    At the intersection and in SUMO a rule-based driver (go, wait, idm, gap_3s, ...) or a policy of
+    the atlas (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
 
     Example: socialiq evaluate run/policy_angle45.safetensors --world crossing7 --angle 45
     """
@@ -222,12 +218,12 @@ class Evaluate(Printing):
         In parts environment and policy must keep nothing from one episode to the next, as
         Gymnasium's `reset(seed=...)` promises.
         """
-        if self.world in SUMO_IDS or self.world.endswith(SUMO_NET):
+        if in_sumo(self.world):
             say(UNSEEN)
         settings = (self.world, policy, self.angle or 0.0, self.allow_code, self.soft)
         if not self.processes:
             played = [_play_in_environment(*settings, np.array(self._seeds))]
-        elif self.soft:
+        elif self.soft or policy == "random":
             raise parts.draws_in_order(policy)
         else:
             blocks = parts.blocks_of(self._seeds, self.processes)
@@ -281,9 +277,13 @@ def _play_in_environment(
     """Play the episodes of successive seeds; return them with the policy's record."""
     env = environment.make_environment(world, allow_code=allow_code, continuous=True)
     size, width = environment.sizes(env), environment.action_size(env)
-    timed = world in TIMED or world.endswith(SUMO_NET)
-    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": timed}
-    with load_policy(policy, *size, action_size=width, **settings) as loaded:
+    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": world in TIMED}
+    if in_sumo(world):  # rules and the atlas drive there as at the intersection
+        layout = drivers.intersection_named("intersection")
+        opened = drivers.driver_of(policy, layout, angle, allow_code, int(seeds[0]))
+    else:
+        opened = load_policy(policy, *size, action_size=width, **settings)
+    with opened as loaded:
         if loaded.record.interface.n_features > size[0]:
             env = environment.make_environment(world, {"clock": True}, continuous=True)
         count = len(seeds)

@@ -32,8 +32,8 @@ class New:
     world: str
     """crossing5, crossing7, crosswalk7, intersection, intersection-continuous,
     intersection-continuous-steering (with -offroad: leaving the road ends an episode), merge,
-    roundabout, a file of `socialiq data world`, or an environment: a Gymnasium id, MODULE:ID or
-    MODULE:FUNCTION."""
+    roundabout, a file of `socialiq data world`, a network of SUMO (.net.xml), or an environment:
+    a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     angle_rule: Path | None = None
@@ -160,7 +160,11 @@ class New:
             fields = {f"{side}_{name}": getattr(self, f"{side}_{name}") for side in SIDES}
             if set(fields.values()) == {None}:
                 fields = {path: defaults.get(path) for path in fields}
-            rows = [profile.Bound.of(*row, limits) for row in fields.items() if row[1] is not None]
+            rows = [
+                profile.Bound.of(field, limit, limits)
+                for field, limit in fields.items()
+                if limit is not None
+            ]
             if ends and not rows:
                 flag = name.replace("_", "-")
                 raise UserError(f"--{flag}-range is of a bound: add --max-{flag}, or leave it out")

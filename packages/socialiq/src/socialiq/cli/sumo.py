@@ -1,6 +1,7 @@
 """`world sumo`: a network of SUMO checked and described."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -25,6 +26,8 @@ class WorldSumo(Printing):
 
     net: Annotated[str, tyro.conf.Positional]
     """crossing or row, which ship, or a file that ends in .net.xml, as netconvert writes it."""
+    demand: Path | None = None
+    """File of trips, vehicles, flows and persons in SUMO's XML, in the place of drawn traffic."""
     start: str = ""
     """Edge on which the ego enters; by default that of the way that turns left most."""
     end: str = ""
@@ -35,7 +38,8 @@ class WorldSumo(Printing):
     def run(self) -> int:
         """Check and print."""
         network = read_network(self.net)
-        scene = Scene(SumoOptions(net=self.net, start=self.start, end=self.end))
+        demand = "" if self.demand is None else str(self.demand)
+        scene = Scene(SumoOptions(net=self.net, demand=demand, start=self.start, end=self.end))
         played = Episode(scene, self.seed).without
         entered = {kind: sum(class_of(name) == kind for name in played) for kind in CLASSES}
         junctions = [
@@ -54,14 +58,22 @@ class WorldSumo(Printing):
         notes = self.unused(scene)
         if self.json:
             result: dict[str, Any] = {"junctions": junctions, "ways": ways, "ego": scene.way}
-            print_json(result | {"entered": entered, "not_used": notes})
+            asked = {"demand": self.asked(scene)} if scene.asked else {}
+            print_json(result | asked | {"entered": entered, "not_used": notes})
             return 0
         print_table(junctions)
         print_table(ways[:_MOST_WAYS], f"ways of an ego ({len(ways)}), here {' '.join(scene.way)}")
         print_table(listed(entered, "entered in 45 s"))
+        if scene.asked:
+            print_table(listed(self.asked(scene), f"in {demand}"))
         if notes:
             print_table([{"not used": note} for note in notes])
         return 0
+
+    def asked(self, scene: Scene) -> dict[str, int]:
+        """Return how many road users of each class the demand has."""
+        departures = scene.asked.departures if scene.asked else []
+        return {kind: sum(row.kind == kind for row in departures) for kind in CLASSES}
 
     def unused(self, scene: Scene) -> list[str]:
         """Return what the world leaves out of the network, and why."""

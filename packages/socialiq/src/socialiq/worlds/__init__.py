@@ -32,7 +32,10 @@ CONTINUOUS_IDS = {
     "intersection-continuous-steering-offroad": "socialiq/IntersectionContinuousSteeringOffroad-v1",
 }
 
-NAMED = IDS | CONTINUOUS_IDS
+WALKED_IDS = {"intersection-crosswalk": "socialiq/IntersectionCrosswalk-v1"}
+"""The intersection with people on foot, by the name of the world."""
+
+NAMED = IDS | CONTINUOUS_IDS | WALKED_IDS
 """Gymnasium id of each world that commands name."""
 
 SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SCENES}
@@ -49,6 +52,12 @@ SUMO_IDS = {"sumo": "socialiq/Sumo-v1", "sumo-row": "socialiq/SumoRow-v1"}
 
 SUMO_NET = ".net.xml"
 """Ending of the file of a network of SUMO, which names a world too."""
+
+
+def in_sumo(name: str) -> bool:
+    """Whether a world's name is that of one in SUMO, or of a network."""
+    return name in SUMO_IDS or name.endswith(SUMO_NET)
+
 
 UNSEEN = "in SUMO policies observe vehicles and bicycles, and no pedestrians"
 """Line of commands in a world in SUMO."""
@@ -69,7 +78,7 @@ def register() -> None:
     """Register every world with Gymnasium. Importing `socialiq` calls this function."""
     roads = {IDS["intersection"]: {}}
     roads |= {name: CONTINUOUS[world] for world, name in CONTINUOUS_IDS.items()}
-    roads |= {name: {"scene": scene} for scene, name in SCENE_IDS.items()}
+    roads |= {name: {"scene": scene} for scene, name in (SCENE_IDS | WALKED_IDS).items()}
     for name, options in roads.items():
         if name not in gymnasium.registry:
             gymnasium.register(name, _ROAD, vector_entry_point=_ROADS, kwargs=options)

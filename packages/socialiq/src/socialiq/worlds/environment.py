@@ -21,6 +21,7 @@ from socialiq.worlds import (
     SUMO_IDS,
     SUMO_NET,
     WORLD_FILE,
+    in_sumo,
     register,
     wrapper,
 )
@@ -34,11 +35,7 @@ _BUILT_IN = NAMED | SCENE_IDS | SUMO_IDS
 
 def is_environment(name: str) -> bool:
     """Whether a name denotes a scene, a world in SUMO, or an environment that is not built in."""
-    return (
-        name in SCENE_IDS | SUMO_IDS
-        or name.endswith(SUMO_NET)
-        or re.fullmatch(NAME_PATTERN, name) is not None
-    )
+    return name in SCENE_IDS or in_sumo(name) or re.fullmatch(NAME_PATTERN, name) is not None
 
 
 def make_environment(

@@ -1,6 +1,6 @@
 """Worlds as Gymnasium environments and as vector environments; `worlds.IDS` has their ids."""
 
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -17,6 +17,7 @@ from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import Scene
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, SceneWorld, world_of
+from socialiq.worlds.intersection.crosswalk import PERSON, CrosswalkOptions
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import Decisions
@@ -107,13 +108,16 @@ def _road(
         kind = ContinuousOptions if "actions" in options else Options
         world = Intersection(registry.parse_options("intersection", kind, options))
         return world, world.batch(size, threads, back_end)
+    if scene in registry.WALKED:
+        scene = cast(RoadWorld, registry.make(cast(str, scene), **options))
     world = scene if isinstance(scene, RoadWorld) else world_of(scene, **options)
     return world, world.batch(size, threads)
 
 
 def observations_of(world: RoadWorld, clock: bool) -> spaces.Box:
     """Return the space of an observation of a road, with or without the time."""
-    low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
+    most = PERSON if isinstance(world.options, CrosswalkOptions) else 1.0
+    low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, most))
     if clock:
         low[-1], high[-1] = 0.0, world.options.decisions
     return spaces.Box(low, high, dtype=np.float32)
@@ -149,7 +153,7 @@ class RoadEnv(gymnasium.Env):
     leaving the road ends an episode, its ending is `other`.
 
     Args:
-        scene: "intersection", the name of a scene, or a scene.
+        scene: "intersection", one with crosswalks, the name of a scene, or a scene.
         angle: Social angle α in degrees of the scalar reward R(α).
         render_mode: "rgb_array" or None.
         clock: Whether observations end with the time, in decisions since the reset.

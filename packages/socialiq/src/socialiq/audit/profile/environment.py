@@ -81,7 +81,8 @@ class Environment(World):
         Of continuous actions the bounds are included, in the environment's units. The sources are
         those of the files that define the environment's class, its wrappers, its registered entry
         point or the named function, and the functions of the pair; of the files that they import,
-        only the versions of installed packages are included.
+        only the versions of installed packages are included. An environment with `files`, as one in
+        SUMO, is described by these hashes too.
         """
         spec, module = self.env.spec, self.name.rpartition(":")[0]
         # The file of the module in the name.
@@ -100,6 +101,7 @@ class Environment(World):
             "kwargs": json.loads(kwargs),
             "sources": _sources(self._parts()) | own_file,
             "versions": _versions(self._parts()),
+            **({"files": files} if (files := getattr(self.env.unwrapped, "files", None)) else {}),
         }
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
 

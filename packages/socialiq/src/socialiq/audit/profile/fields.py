@@ -61,7 +61,8 @@ TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
 
 _WORLDS = [*NAMES, *SCENE_IDS, *SUMO_IDS]
-WORLD_PATTERN = f"^(?:{'|'.join(_WORLDS)}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
+_FILE = rf"[^{_HIDDEN}:]+\.(?:safetensors|net\.xml)"
+WORLD_PATTERN = f"^(?:{'|'.join(_WORLDS)}|{NAME_PATTERN}|{_FILE})$"
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Field:
             "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
             "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
             "world": f"one of {', '.join(_WORLDS)}, a file of `socialiq data world`, "
-            "a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
+            "a network of SUMO, a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",
             "range": "a list of two numbers, the smaller one first",

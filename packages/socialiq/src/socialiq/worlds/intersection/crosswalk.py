@@ -21,6 +21,8 @@ SIGNALS = ("pedestrian_delay", "pedestrian_encounter", "pedestrian_hit")
 """Signals of a decision: seconds that people wait and would not without the ego, the closest
 encounter with the ego, 0 to 1, and whether it hits a person."""
 
+PERSON = 2.0  # in the place of a vehicle's presence in an observation (`core.pedestrians.CLASS`)
+
 LONGEST = 1.5  # durations of an episode for which arrivals are drawn: the usual end of effects
 
 

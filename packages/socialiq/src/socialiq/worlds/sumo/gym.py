@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -9,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import UserError
+from socialiq.reading import sha256_of_file
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import TERMINAL, Ending, RewardPair
 from socialiq.worlds.highway.core.rewards import env_signals
@@ -40,7 +42,8 @@ class SumoEnv(gymnasium.Env):
     and `contact`.
 
     Args:
-        net: Network that ships (crossing, row), or a file of netconvert.
+        net: Network that ships (crossing, row), or a file of netconvert. The option `demand` names
+            a file of routes, in which an episode begins at a time that its seed draws.
         angle: Social angle α in degrees of the scalar reward.
         clock: Whether observations end with the time, in decisions since the reset.
         options: Fields of `SumoOptions`.
@@ -67,6 +70,12 @@ class SumoEnv(gymnasium.Env):
         self.action_space = spaces.Discrete(len(ACTIONS))
         self.episode: Episode | None = None
         self.ending = Ending.NONE
+
+    @property
+    def files(self) -> dict[str, str]:
+        """SHA-256 of the network, and of the demand if there is one, which a declaration names."""
+        paths = {"net": self.scene.network.file, "demand": self.options.demand}
+        return {name: sha256_of_file(Path(path)) for name, path in paths.items() if path}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start the episode of a seed, or of the next one that the environment draws."""

@@ -112,12 +112,7 @@ def read_network(net: str) -> Network:
             f"unknown network '{one_line(net)}': choose one of {', '.join(NETS)}, or name a file "
             f"that ends in {SUMO_NET}, as netconvert writes it"
         )
-    try:
-        root = fromstring(read_text(file, _LARGEST))
-    except (ParseError, ValueError) as error:
-        raise UserError(f"{file} is not XML: {one_line(str(error))}") from error
-    if root.tag != "net":
-        raise UserError(f"{file} is no network but <{one_line(root.tag)}>: run netconvert on it")
+    root = root_of(file, "net", "run netconvert on it")
     try:
         network = _network(file, root)
     except (KeyError, ValueError, IndexError) as error:
@@ -130,6 +125,17 @@ def read_network(net: str) -> Network:
             "end at its rim (netconvert --no-turnarounds)"
         )
     return network
+
+
+def root_of(file: Path, tag: str, remedy: str) -> Element:
+    """Return the first element of a file of XML; `UserError` with a remedy if it is another."""
+    try:
+        root = fromstring(read_text(file, _LARGEST))
+    except (ParseError, ValueError) as error:
+        raise UserError(f"{file} is not XML: {one_line(str(error))}") from error
+    if root.tag != tag:
+        raise UserError(f"{file} has no <{tag}> but <{one_line(root.tag)}>: {remedy}")
+    return root
 
 
 def _network(file: Path, root: Element) -> Network:

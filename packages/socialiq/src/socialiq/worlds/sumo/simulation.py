@@ -126,6 +126,7 @@ class Episode:
             routes = Path(folder) / "routes.rou.xml"
             routes.write_text(self.scene.demand(self.seed, with_ego))
             settings = ["-n", str(self.scene.network.file), "-r", str(routes), *SETTINGS]
+            settings += ["--begin", str(self.scene.begin(self.seed))]
             try:
                 if sumo.isLoaded():
                     sumo.load(settings)

@@ -11,6 +11,7 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.sumo.demand import read_demand
 from socialiq.worlds.sumo.network import CLASSES, read_network
 
 Following = Literal["Krauss", "IDM"]
@@ -26,6 +27,7 @@ class SumoOptions(EffectOptions):
     """
 
     net: str = "crossing"  # of `NETS`, or the path of a network
+    demand: str = ""  # path of a file of routes in SUMO's XML, in the place of the drawn traffic
     # edge on which the ego enters; by default of the way that turns left most, and of these of the
     # lowest priority, from the south
     start: str = ""
@@ -83,6 +85,8 @@ class Scene:
 
     def __init__(self, options: SumoOptions) -> None:
         self.options, self.network = options, read_network(options.net)
+        self.asked = read_demand(options.demand) if options.demand else None
+        self.seconds = options.warm_up + options.decisions(options.road)
         self.pairs = {kind: list(self.network.routes(kind)) for kind in CLASSES}
         self.pairs["pedestrian"] = self.network.walks()
         self.entries = set(self.network.ends("vehicle")[0])
@@ -108,6 +112,10 @@ class Scene:
         sine = round(float(first[0] * last[1] - first[1] * last[0]), 6)
         return sine, -self.network.edges[way[0]].priority, float(first[1])
 
+    def begin(self, seed: int) -> float:
+        """Return the time of SUMO at which an episode begins, before its warm-up, s."""
+        return self.asked.begin(seed, self.seconds) if self.asked else 0.0
+
     def front(self, seed: int) -> float:
         """Return where the ego's front enters its first edge, m."""
         length = self.network.edges[self.way[0]].length
@@ -120,8 +128,9 @@ class Scene:
         Each class has a random stream of its own, and each second draws the same numbers, so the
         rate of a class doesn't move another's departures. No type has a random part.
         """
-        options, departures = self.options, list[tuple[float, str]]()
-        seconds = int(np.ceil(options.warm_up)) + options.decisions(options.road)
+        begin, options = self.begin(seed), self.options
+        departures = self.asked.within(begin, self.seconds) if self.asked else []
+        seconds = 0 if self.asked else int(np.ceil(self.seconds))
         for number, (kind, pairs) in enumerate(self.pairs.items()):
             stream, rate = np.random.default_rng([seed, number]), getattr(options, f"{kind}_rate")
             for second in range(seconds if pairs else 0):
@@ -132,10 +141,11 @@ class Scene:
                     departures.append((at, self._departure(kind, name, at, ends, *rest)))
         if with_ego:
             place = f'departLane="best" departPos="{self.front(seed)}" departSpeed="{_SPEED:g}"'
-            line = f'<vehicle id="{EGO}" type="{EGO}" depart="{options.warm_up}" {place} '
+            enters = begin + options.warm_up
+            line = f'<vehicle id="{EGO}" type="{EGO}" depart="{enters}" {place} '
             route = quoteattr(" ".join(self.way))
             line += f'insertionChecks="none"><route edges={route}/></vehicle>'
-            departures.append((options.warm_up, line))
+            departures.append((enters, line))
         lines = [line for _, line in sorted(departures)]
         return "\n".join(["<routes>", *self._types(), *lines, "</routes>"])
 
@@ -148,6 +158,7 @@ class Scene:
             f'<vType id="bicycle" vClass="bicycle" {fixed}/>',
             '<vType id="pedestrian" vClass="pedestrian" speedDev="0"/>',
             f'<vType id="{EGO}" {car}/>',
+            *(self.asked.types if self.asked else ()),
         ]
 
     def _departure(

@@ -1,0 +1,122 @@
+"""Demand of a user: a file of routes of SUMO, read as explicit departures without chance.
+
+The format is https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree.ElementTree import Element, tostring
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.worlds.sumo.network import root_of
+
+MOST_DEPARTURES = 1_000_000
+_PERSONS = {"person": "person", "personFlow": "person"}
+_DEPARTING = {"trip": "trip", "vehicle": "vehicle", "flow": "", **_PERSONS}
+_INSIDE = ("route", "walk", "personTrip", "stop", "param")
+_OF_FLOWS = ("begin", "end", "number", "period", "vehsPerHour", "perHour")
+
+
+class Departure(NamedTuple):
+    """Road user that departs."""
+
+    time: float  # s
+    kind: str  # class
+    line: str  # its XML
+
+
+class Demand(NamedTuple):
+    """Demand of a file.
+
+    Attributes:
+        types: XML of types and routes.
+        departures: Everybody, by time.
+    """
+
+    types: list[str]
+    departures: list[Departure]
+
+    def begin(self, seed: int, seconds: float) -> float:
+        """Return when an episode of so many seconds begins, drawn by its seed, s."""
+        first, last = self.departures[0].time, self.departures[-1].time
+        stream = np.random.default_rng([seed, len(_DEPARTING)])
+        return float(np.floor(first + stream.random() * max(last - seconds - first, 0.0)))
+
+    def within(self, begin: float, seconds: float) -> list[tuple[float, str]]:
+        """Return departures from a time on, for so many seconds."""
+        return [(row.time, row.line) for row in self.departures if 0 <= row.time - begin < seconds]
+
+
+@lru_cache(maxsize=8)
+def read_demand(file: str) -> Demand:
+    """Read a file of trips, vehicles, flows and persons.
+
+    Drivers don't dawdle and flows depart at equal intervals, so that an episode repeats.
+
+    Raises:
+        UserError: If it is no such file, or part of it is left to chance or is not supported.
+    """
+    path, types, departures, kinds = Path(file), list[str](), list[Departure](), dict[str, str]()
+    for element in root_of(path, "routes", "name a file of trips, vehicles, flows and persons"):
+        name = element.get("id", "")
+        where = f"{path}: <{one_line(element.tag)}> '{one_line(name)}'"
+        if element.tag in ("vType", "route"):
+            if element.tag == "vType":
+                kinds[name] = "bicycle" if element.get("vClass") == "bicycle" else "vehicle"
+                element.attrib |= {"id": f"of.{name}", "sigma": "0", "speedDev": "0"}
+            types.append(tostring(element, "unicode"))
+            continue
+        inside = [child.tag for child in element if child.tag not in _INSIDE]
+        if element.tag not in _DEPARTING or inside:
+            tag = one_line((inside or [element.tag])[0])
+            raise UserError(f"{where} has <{tag}>, which is not read: leave it out")
+        if any("random" in part.attrib.values() for part in element.iter()):
+            raise UserError(f"{where} is left to chance: give a number in the place of random")
+        kind = "pedestrian" if element.tag in _PERSONS else "vehicle"
+        if own := element.get("type"):
+            kind = kind if element.tag in _PERSONS else kinds.get(own, "vehicle")
+        element.set("type", f"of.{own}" if own in kinds else kind)
+        try:
+            for time in _times(element):
+                line = _line(element, f"{kind}{len(departures)}", time)
+                departures.append(Departure(time, kind, line))
+        except (KeyError, ValueError, ZeroDivisionError) as error:
+            raise UserError(
+                f"{where} has no times of departure as numbers ({one_line(str(error))}): give "
+                "depart, or of a flow begin, end and number, period or vehsPerHour"
+            ) from error
+    if not departures:
+        raise UserError(f"{path} has no departures: add trips, vehicles, flows or persons")
+    return Demand(types, sorted(departures))
+
+
+def _times(element: Element) -> Iterator[float]:
+    """Yield when the road users of an element depart, s."""
+    if "flow" not in element.tag.lower():
+        yield float(element.attrib["depart"])
+        return
+    begin, end = (float(element.attrib[name]) for name in _OF_FLOWS[:2])
+    rate = element.get("vehsPerHour") or element.get("perHour")
+    if "number" in element.attrib:
+        period = (end - begin) / int(element.attrib["number"])
+    else:
+        period = 3600 / float(rate) if rate else float(element.attrib["period"])
+    if not 0 < (end - begin) / period < MOST_DEPARTURES:
+        raise ValueError(f"0 to {MOST_DEPARTURES:,} departures")
+    yield from np.arange(begin, end - 1e-9, period).tolist()
+
+
+def _line(element: Element, name: str, time: float) -> str:
+    """Return the XML of one road user of an element."""
+    tag = _DEPARTING[element.tag] or ("trip" if "from" in element.attrib else "vehicle")
+    own = {key: value for key, value in element.attrib.items() if key not in _OF_FLOWS}
+    single = Element(tag, own | {"id": name, "depart": f"{time:.2f}"})
+    single.extend(list(element))
+    return tostring(single, "unicode").strip()
