@@ -84,6 +84,26 @@ def test_the_readme_is_short_and_uses_the_public_interface_alone():
     assert re.findall(r"^\s*(?:import|from) (socialiq\S*)", block, re.MULTILINE) == ["socialiq"]
 
 
+@pytest.mark.parametrize(
+    ("query", "page"),
+    [
+        ("quickstart", "start.md"),
+        ("install", "install.md"),
+        ("pedestrian", "worlds/intersection-crosswalk.md"),
+        ("onnx", "interchange.md"),
+        ("glossary", "glossary.md"),
+    ],
+)
+def test_a_search_finds_its_page_first(query, page):
+    """The site's search puts pages first whose title has the query (docs/scorer.js)."""
+    docs = ROOT / "docs"
+    titles = {path: path.read_text().split("\n", 1)[0] for path in docs.glob("**/*.md")}
+    named = [
+        str(path.relative_to(docs)) for path, title in titles.items() if query in title.lower()
+    ]
+    assert named == [page]
+
+
 def test_the_documentation_has_at_most_60000_words():
     """A word has a letter or a digit; tables and code count."""
     text = " ".join(page.read_text() for page in ROOT.glob("docs/**/*.md"))
