@@ -47,8 +47,16 @@ def test_the_dial_turns_by_keys_and_by_mouse_and_drives_again(tab, address):
     assert tab.locator("#stages strong").nth(1).inner_text() == "90°"
     assert said_at(tab, 0) == "arrives after 10 s"
     box = dial.bounding_box()
-    tab.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 0.88 * box["height"])
-    assert int(dial.get_attribute("aria-valuenow")) < 15
+    tab.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 0.80 * box["height"])
+    assert 3 < int(dial.get_attribute("aria-valuenow")) < 15
+    assert said_at(tab, 2).startswith("is still waiting")
+    tab.mouse.click(box["x"] + 0.21 * box["width"], box["y"] + 0.22 * box["height"])  # C's hand
+    assert tab.inner_text("#angle") == "85°"
+    tab.locator("#chips button").first.press("Enter")
+    assert tab.evaluate("document.activeElement.textContent") == "A 0°"
+    tab.keyboard.press("Escape")
+    dial.press("ArrowRight")
+    assert dial.get_attribute("aria-valuenow") == "1"
 
 
 @pytest.mark.parametrize(
@@ -111,6 +119,19 @@ def test_episodes_in_the_background_give_rates_and_intervals(tab, address):
     low, high = map(float, extent.split(" to "))
     assert 85 < low < float(share.removesuffix(" %")) < high < 99
     assert tab.locator("#curve .curve-interval").count() == 2
+
+
+def test_a_press_counts_for_the_second_under_way_in_its_first_half(tab, address):
+    go(tab, address, "#seed=12&tab=drive")
+    tab.evaluate("driving.decide()")
+    taken = "driving.film.decisions.map(({ action }) => action)"
+    for share, words, actions in ((0.4, "now: faster", [2]), (0.6, "in 0.4 s: faster", [1])):
+        tab.evaluate(f"driving.decideAgain(1); driving.clock.seek({share} * driving.clock.end)")
+        tab.keyboard.press("ArrowUp")
+        assert tab.inner_text("#next-decision") == words and tab.evaluate(taken) == actions
+        assert tab.get_attribute("#faster", "aria-pressed") == "true"
+    tab.evaluate("driving.decide()")
+    assert tab.evaluate(taken) == [1, 2]
 
 
 def test_one_drives_and_downloads_demonstrations(tab, address, tmp_path):

@@ -75,6 +75,10 @@ export class Curve {
       mark.append(svg("circle", { cx, cy, r: 11 }), svg("text", { x: cx, y: cy + (twin.letter.length > 1 ? 3 : 4.2), class: twin.letter.length > 1 ? "wide" : "" }, twin.letter));
       const angle = twin.angle === undefined ? "" : `, ${twin.angle}°`;
       mark.append(svg("title", {}, `${twin.letter}${angle}: own progress ${signed(env)}, effect on others ${signed(social)}`));
+      if (env < this.range.env.low || env > this.range.env.high || social < this.range.social.low || social > this.range.social.high) {
+        const side = cx > BOX.width / 2 ? "right" : "";
+        mark.append(svg("text", { x: cx + (side ? -16 : 16), y: cy + 4, class: `beyond ${side}` }, `beyond: ${signed(env)}, ${signed(social)}`));
+      }
       this.marks.append(mark);
     });
   }

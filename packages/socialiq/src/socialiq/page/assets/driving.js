@@ -14,6 +14,7 @@ const KEPT = "socialiq-driven"; // where the browser keeps them
 const BESIDE = [0, 45]; // degrees at which the same traffic is shown after an episode
 const PLACES = [0, 2]; // of their colours
 const [SLOWER, IDLE, FASTER] = [0, 1, 2];
+const PEDALS = ["slower", "idle", "faster"]; // by their number as a decision
 
 /** Return what this browser keeps of earlier visits: seeds and decisions; nothing where it keeps nothing. */
 function keptEpisodes() {
@@ -39,9 +40,7 @@ export class Driving {
     this.networks = null;
     this.action = IDLE;
     this.clock = new Transport(this.layout.frames / this.layout.decision_seconds, () => this.moved());
-    [["slower", SLOWER], ["idle", IDLE], ["faster", FASTER]].forEach(([name, action]) => {
-      this.find(name).addEventListener("click", () => this.choose(action));
-    });
+    PEDALS.forEach((name, action) => this.find(name).addEventListener("click", () => this.choose(action)));
     this.find("start").addEventListener("click", () => this.start());
     this.find("download").addEventListener("click", () => this.download());
     this.find("forget").addEventListener("click", () => this.forget());
@@ -55,7 +54,7 @@ export class Driving {
   next() {
     if (this.base !== this.state.seed) Object.assign(this, { base: this.state.seed, driven: 0 });
     this.film = this.recorder.begin(this.base + this.driven);
-    this.over = false;
+    this.over = this.finished = false;
     this.clock.time = 0;
     this.clock.load(0);
     this.find("own-seed").value = this.film.seed;
@@ -81,7 +80,7 @@ export class Driving {
       this.pause();
       return;
     }
-    if (this.over) this.next();
+    if (this.finished) this.next();
     if (this.clock.time >= this.clock.end) this.decide();
     this.clock.play();
   }
@@ -91,10 +90,24 @@ export class Driving {
     if (this.replay.playing) this.replay.pause();
   }
 
+  /** Take a press: for this second in its first half, and else for the next one. */
   choose(action) {
-    this.action = action;
-    ["slower", "idle", "faster"].forEach((name, number) => this.find(name).setAttribute("aria-pressed", String(number === action)));
+    if (this.early) this.decideAgain(action);
+    else this.action = action;
     this.show();
+  }
+
+  /** Whether the second under way is in its first half. */
+  get early() {
+    return !this.finished && this.clock.end > 0 && 2 * (this.clock.end - this.clock.time) > this.layout.frames;
+  }
+
+  /** Take another decision in the place of the last one, whose second is under way. */
+  decideAgain(action) {
+    const actions = this.film.decisions.map((decision) => decision.action);
+    this.film = filmOfActions(this.recorder, this.film.seed, [...actions.slice(0, -1), action]);
+    this.over = this.film.ending !== this.layout.endings.none;
+    this.clock.load(this.film.frames.length - 1);
   }
 
   key(event) {
@@ -109,7 +122,8 @@ export class Driving {
   decide() {
     this.over = !this.recorder.decide(this.action);
     this.clock.load(this.film.frames.length - 1);
-    this.choose(IDLE);
+    this.action = IDLE;
+    this.show();
   }
 
   moved() {
@@ -125,7 +139,8 @@ export class Driving {
   }
 
   finish() {
-    if (this.films.includes(this.film)) return;
+    if (this.finished) return;
+    this.finished = true;
     this.films.push(this.film);
     this.driven += 1;
     const [env, social] = this.sums(this.film);
@@ -213,7 +228,7 @@ export class Driving {
     const { vehicles } = sceneAt(this.film, this.clock.time);
     this.stage.draw(vehicles, twin, []);
     this.dashboard(vehicles.find((vehicle) => vehicle.ego));
-    this.find("start").textContent = this.clock.playing ? "Pause" : this.over ? "Next episode" : "Drive";
+    this.find("start").textContent = this.clock.playing ? "Pause" : this.finished ? "Next episode" : "Drive";
   }
 
   /** Speed, and what the next decision will be and when: a press is confirmed at once. */
@@ -221,8 +236,10 @@ export class Driving {
     const speed = `${Math.round(3.6 * (ego?.speed ?? 0))} km/h`;
     if (this.find("own-speed").textContent !== speed) this.find("own-speed").textContent = speed;
     const left = Math.max(this.clock.end - this.clock.time, 0) / this.clock.rate;
-    const words = ["slower", "keep", "faster"][this.action];
-    this.find("next-decision").textContent = this.over ? "" : this.clock.playing ? `in ${left.toFixed(1)} s: ${words}` : `first decision: ${words}`;
+    const taken = this.early ? this.film.decisions[this.film.decisions.length - 1].action : this.action;
+    PEDALS.forEach((name, number) => this.find(name).setAttribute("aria-pressed", String(number === taken)));
+    const at = this.early ? "now" : this.clock.end > 0 ? `in ${left.toFixed(1)} s` : "first decision";
+    this.find("next-decision").textContent = this.finished ? "" : `${at}: ${["slower", "keep", "faster"][taken]}`;
   }
 
   download() {

@@ -3,6 +3,7 @@
 const NAMESPACE = "http://www.w3.org/2000/svg";
 const CENTRE = [40, 232];
 const RADIUS = 178;
+const GRIP = 5; // degrees around a hand that take hold of it
 
 /** Return an SVG element with attributes. */
 export function svg(name, attributes, text = "") {
@@ -23,9 +24,10 @@ export class Knob {
    * @param {SVGElement} root Element that is filled.
    * @param {number[]} range Smallest and largest angle, whole degrees.
    * @param {(angle: number) => void} turned Called with a whole number of degrees.
+   * @param {(place: number) => void} chosen Called with the place of a twin whose grip is pressed.
    */
-  constructor(root, [low, high], turned) {
-    Object.assign(this, { root, low, high, turned, angle: low });
+  constructor(root, [low, high], turned, chosen = () => {}) {
+    Object.assign(this, { root, low, high, turned, chosen, angle: low, others: [] });
     root.setAttribute("aria-valuemin", low);
     root.setAttribute("aria-valuemax", high);
     this.drawScale();
@@ -60,6 +62,7 @@ export class Knob {
   /** Show the hands of all twins; that of `chosen` is the one that turns. */
   show(twins, chosen) {
     const { angle, letter } = twins[chosen];
+    this.others = twins.filter((_, number) => number !== chosen);
     this.angle = angle;
     this.hands.replaceChildren();
     twins.forEach((twin, number) => number !== chosen && this.hand(twin, false));
@@ -84,18 +87,25 @@ export class Knob {
     this.held = true;
     this.root.setPointerCapture(event.pointerId);
     this.root.focus({ preventScroll: true });
-    this.point(event);
+    const angle = this.angleAt(event);
+    const nearest = this.others.find((twin) => Math.abs(twin.angle - angle) < Math.min(GRIP, Math.abs(this.angle - angle)));
+    if (nearest) this.chosen(nearest.place);
+    else this.point(event);
     event.preventDefault();
   }
 
   point(event) {
+    this.to(this.angleAt(event));
+  }
+
+  angleAt(event) {
     const place = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.root.getScreenCTM().inverse());
     const radians = Math.atan2(CENTRE[1] - place.y, place.x - CENTRE[0]);
-    this.to(radians < -Math.PI / 2 ? 90 : (radians * 180) / Math.PI);
+    return radians < -Math.PI / 2 ? 90 : (radians * 180) / Math.PI;
   }
 
   key(event) {
-    const steps = { ArrowRight: -1, ArrowLeft: 1, ArrowUp: 1, ArrowDown: -1, PageUp: 15, PageDown: -15 };
+    const steps = { ArrowRight: 1, ArrowLeft: -1, ArrowUp: 1, ArrowDown: -1, PageUp: 15, PageDown: -15 };
     const ends = { Home: this.low, End: this.high };
     if (event.key in steps) this.to(this.angle + steps[event.key] * (event.shiftKey ? 5 : 1));
     else if (event.key in ends) this.to(ends[event.key]);

@@ -3,6 +3,8 @@
 // Weights are float32 as in the file; sums are taken in float64, so only last bits differ from
 // NumPy's float32.
 
+import { UserError } from "./safetensors.js";
+
 export const ACTIVATIONS = {
   relu: (value) => Math.max(value, 0),
   elu: (value) => (value > 0 ? value : Math.expm1(value)),
@@ -16,6 +18,7 @@ let values = new Float64Array(0);
 export function layersOf(arrays, weight, bias, count) {
   return Array.from({ length: count }, (_, number) => {
     const { shape, values: own } = arrays[weight + number];
+    if (!own.every(Number.isFinite) || !arrays[bias + number].values.every(Number.isFinite)) throw new UserError("this network has weights that are no finite numbers: train or choose another one");
     return { outputs: shape[0], inputs: shape[1], weight: own, bias: arrays[bias + number].values };
   });
 }

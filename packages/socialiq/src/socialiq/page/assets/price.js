@@ -2,7 +2,7 @@
 
 import { svg } from "./knob.js";
 
-const BOX = { left: 66, right: 190, top: 18, bottom: 46, width: 720, height: 330 };
+const BOX = { left: 76, right: 24, top: 18, bottom: 46, width: 720, height: 330 };
 const EVERY = 250; // ms from one angle to the next
 
 export class Price {
@@ -65,8 +65,8 @@ export class Price {
       line.setAttribute("points", shown.map(({ angle, delay }) => this.place(angle, delay[0])).join(" "));
       marks.forEach((mark, number) => mark.setAttribute("visibility", number < count ? "visible" : "hidden"));
       const [x, y] = this.place(shown[shown.length - 1].angle, shown[shown.length - 1].delay[0]);
-      end.setAttribute("x", x + 10);
-      end.setAttribute("y", y + 4);
+      end.setAttribute("x", x);
+      end.setAttribute("y", y - 12);
     });
   }
 

@@ -41,6 +41,7 @@ export class Stage {
     const ego = vehicles.find((one) => one.ego);
     if (twin.near && ego) this.reach(ego, twin.colour);
     for (const one of vehicles) if (twin.braking.has(one.identity) && ego) this.cause(ego, one);
+    for (const one of vehicles) if (twin.braking.has(one.identity) || twin.braked?.has(one.identity)) this.outlined(one);
     for (const one of vehicles) if (!one.ego) this.vehicle(one, colours.other);
     for (const { vehicle, letter, colour } of ghosts) this.ghost(vehicle, letter, colour);
     for (const one of vehicles) if (one.ego) this.vehicle(one, one.colour ?? twin.colour, twin.letter);
@@ -75,6 +76,16 @@ export class Stage {
     context.setLineDash([0.7, 0.9]);
     context.stroke();
     context.setLineDash([]);
+  }
+
+  /** The outline of a vehicle that had to brake. */
+  outlined(vehicle) {
+    const { vehicle_length: length, vehicle_width: width } = this.layout;
+    this.placed(vehicle, (context) => {
+      body(context, length + 1.6, width + 1.6);
+      context.fillStyle = this.colours.alarm;
+      context.fill();
+    });
   }
 
   placed(vehicle, draw) {

@@ -197,6 +197,7 @@ export class Story {
     const visible = {
       back: this.state.chapter > 0, on: !this.asking && this.state.chapter < this.chapters.length - 1, again: !this.asking,
       choice: this.asking, turning: chapter.name === "turn", price: chapter.name === "price", stages: this.scenes.length > 0,
+      braked: this.scenes.some(({ hard, spared }) => [...hard.keys()].some((identity) => !spared.has(identity))) && !this.asking,
     };
     for (const [name, value] of Object.entries(visible)) this.find(name).toggleAttribute("hidden", !value);
     this.find("on").textContent = this.state.chapter ? "Next" : "Who drives at 0° and 45°?";
@@ -236,7 +237,8 @@ export class Story {
       stage.fit(colours);
       const { vehicles, frame } = sceneAt(film, clock.time);
       const braking = new Set([...hard].filter(([identity, [from, to]]) => !spared.has(identity) && frame >= from && frame <= to + this.layout.frames).map(([identity]) => identity));
-      stage.draw(vehicles, { letter: "", colour: colours.twins[place], braking, near: false }, []);
+      const braked = new Set([...hard].filter(([identity, [from]]) => !spared.has(identity) && frame >= from).map(([identity]) => identity));
+      stage.draw(vehicles, { letter: "", colour: colours.twins[place], braking, braked, near: false }, []);
       const text = moments.at(frame);
       if (said.textContent !== text) said.textContent = text;
     }

@@ -25,7 +25,7 @@ export class Twins {
     this.find = (name) => document.getElementById(name);
     this.bars = new Bars(this.find("bars"), this.layout);
     this.plot = new Curve(this.find("curve"), this.curve);
-    this.knob = new Knob(this.find("dial"), this.range, (angle) => this.turn(angle));
+    this.knob = new Knob(this.find("dial"), this.range, (angle) => this.turn(angle), (place) => this.choose(place));
     this.clock = new Transport(this.layout.frames / this.layout.decision_seconds, () => this.show());
     this.measured = new Map();
     this.listen();
@@ -84,7 +84,9 @@ export class Twins {
       chip.addEventListener("click", () => this.choose(place));
       return chip;
     });
+    const focused = this.find("chips").contains(document.activeElement);
     this.find("chips").replaceChildren(...chips);
+    if (focused) this.find("chips").querySelector('[aria-pressed="true"]').focus();
   }
 
   choose(place) {
@@ -195,7 +197,7 @@ export class Twins {
     await this.ask({ angles, first: 1, count: BACKGROUND }, `${BACKGROUND} episodes at each angle`, (found) => {
       angles.forEach((angle, number) => this.measured.set(angle, summaryOf(found[number], this.layout.endings)));
       this.refilm();
-    });
+    }, "ran");
   }
 
   async searchSeeds() {
@@ -214,14 +216,14 @@ export class Twins {
   }
 
   /** Ask the worker; say what runs, how long it took, or what went wrong. */
-  async ask(question, what, use) {
-    this.say(`${what} ...`);
+  async ask(question, what, use, place = "said") {
+    this.say(`${what} ...`, place);
     const begun = performance.now();
     try {
       use(await this.background(question));
-      this.say(`${what}: ${((performance.now() - begun) / 1000).toFixed(1)} s`);
+      this.say(`${what}: ${((performance.now() - begun) / 1000).toFixed(1)} s`, place);
     } catch (error) {
-      this.say(error.message);
+      this.say(error.message, place);
     }
   }
 
@@ -239,8 +241,8 @@ export class Twins {
     this.find("rates").closest("table").hidden = rows.length === 0;
   }
 
-  say(text) {
-    this.find("said").textContent = text;
+  say(text, place = "said") {
+    this.find(place).textContent = text;
   }
 
   /** Keep everything shown in the address. */

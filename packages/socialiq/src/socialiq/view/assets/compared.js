@@ -36,7 +36,7 @@ export class Compared {
     this.drive = 0;
     this.bars = new Bars(this.find("bars"), this.layout);
     this.plot = new Curve(this.find("curve"), this.curve);
-    this.knob = new Knob(this.find("dial"), RANGE, (angle) => this.turn(angle));
+    this.knob = new Knob(this.find("dial"), RANGE, (angle) => this.turn(angle), (place) => this.choose(place));
     this.controls = new Controls(this.layout.frames / this.layout.decision_seconds, this.layout.frames, this.state, () => this.show());
     this.arrange();
     this.listen();
@@ -138,7 +138,9 @@ export class Compared {
     const hands = this.shown.dial ? twins : [twins[DIAL]];
     this.knob.show(hands, hands.findIndex(({ place }) => place === this.turned));
     this.find("angle").textContent = `${twins[this.turned].angle}°`;
+    const focused = this.find("chips").contains(document.activeElement);
     this.find("chips").replaceChildren(...hands.map(({ letter, angle, place }) => this.chip(letter, angle, place)));
+    if (focused) this.find("chips").querySelector('[aria-pressed="true"]').focus();
     this.stages.forEach(({ title }, place) => (title.textContent = twins[place].name));
     this.plotted();
     this.table();
@@ -147,8 +149,13 @@ export class Compared {
   chip(letter, angle, place) {
     const chip = element("button", { type: "button", className: `chip twin-${place}`, textContent: `${letter} ${angle}°` });
     chip.setAttribute("aria-pressed", String(place === this.turned));
-    chip.addEventListener("click", () => { this.state.chosen = place; this.labels(); });
+    chip.addEventListener("click", () => this.choose(place));
     return chip;
+  }
+
+  choose(place) {
+    this.state.chosen = place;
+    this.labels();
   }
 
   show() {
