@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -122,6 +122,31 @@ class JunctionBatch(RoadBatch):
         """Number of decisions since the last reset of every episode."""
         steps = self.traffic.step - self.traffic.begun
         return (steps // self.options.frames).astype(np.float32)
+
+    def lanes(self, row: int = 0) -> list[Float64[np.ndarray, "point 2"]]:
+        """Return the way of each vehicle of an episode's recording, m to the east and north."""
+        road, recording = self.world.road, int(self.traffic.recording[row])
+        vehicles = range(*road.recording_first[recording : recording + 2].tolist())
+        return [road.line[road.line_first[v] : road.line_first[v + 1], :2] for v in vehicles]
+
+    def places(self, row: int = 0) -> Iterator[tuple[int, tuple[float, ...]]]:
+        """Yield each road user of a row: its number, x, y, heading, speed, length and width.
+
+        The ego's number is -1, those of people begin at `PERSON`; m, rad and m/s.
+        """
+        road, traffic, lines = self.world.road, self.traffic, self.lanes(row)
+        recording = int(traffic.recording[row])
+        base, ego = int(road.recording_first[recording]), int(traffic.ego[row])
+        for vehicle in traffic.present[row, : int(traffic.n_present[row])].tolist():
+            place = _place(lines[vehicle], float(traffic.along[row, vehicle]))
+            size = float(road.length[base + vehicle]), float(road.width[base + vehicle])
+            speed = float(traffic.speed[row, vehicle])
+            yield -1 if vehicle == ego else vehicle, (*place, speed, *size)
+        for person in range(*road.person_first[recording : recording + 2].tolist()):
+            at = road.person_state_first[person] + traffic.step[row] - road.person_step[person]
+            if road.person_state_first[person] <= at < road.person_state_first[person + 1]:
+                values = road.person_state[at].tolist() + road.person_size[person].tolist()
+                yield PERSON + person, tuple(values)
 
     def like(self, size: int) -> JunctionBatch:
         """Return a batch of so many episodes of the same world."""
@@ -279,6 +304,8 @@ def _load(path: Path, _changed: int) -> RecordedWorld:
     return RecordedWorld.load(path)
 
 
+PERSON = 1_000_000
+"""Number of the first person in `JunctionBatch.places`."""
 _REACH = 50.0  # m around the ego
 _BAR = 1.6  # m to either side of a closed line
 
@@ -292,20 +319,16 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
 
     road, traffic = batch.world.road, batch.traffic
     recording = int(traffic.recording[row])
-    base, end = (int(road.recording_first[recording + offset]) for offset in range(2))
+    base = int(road.recording_first[recording])
     drawing = figure(5.0, 5.0)
     axes = drawing.subplots()
-    lines = [road.line[road.line_first[v] : road.line_first[v + 1], :2] for v in range(base, end)]
+    lines = batch.lanes(row)
     axes.add_collection(LineCollection(lines, colors="#d5d5d5", linewidths=1.0))
     ego = int(traffic.ego[row])
     axes.plot(*lines[ego].T, color=COLORS["egoistic"], linewidth=1.2)
     now = float(traffic.step[row]) / 10
     for slot in range(int(traffic.n_present[row])):
         vehicle = int(traffic.present[row, slot])
-        ink = COLORS["egoistic"] if vehicle == ego else COLORS["prosocial"]
-        x, y, heading = _place(lines[vehicle], float(traffic.along[row, vehicle]))
-        size = float(road.length[base + vehicle]), float(road.width[base + vehicle])
-        axes.add_patch(Polygon(corners((x, y), heading, *size), color=ink, zorder=3))
         for at, begin, until in road.closed[
             road.closed_first[base + vehicle] : road.closed_first[base + vehicle + 1]
         ]:
@@ -314,12 +337,9 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
                 dx, dy = -_BAR * math.sin(heading), _BAR * math.cos(heading)
                 ends = [x - dx, x + dx], [y - dy, y + dy]
                 axes.plot(*ends, color="black", linewidth=2.0, zorder=4)
-    for person in range(*road.person_first[recording : recording + 2].tolist()):
-        at = road.person_state_first[person] + traffic.step[row] - road.person_step[person]
-        if road.person_state_first[person] <= at < road.person_state_first[person + 1]:
-            x, y, heading, _ = road.person_state[at].tolist()
-            shape = corners((x, y), heading, *road.person_size[person].tolist())
-            axes.add_patch(Polygon(shape, color=COLORS["altruistic"], zorder=3))
+    for number, (x, y, heading, _, *size) in batch.places(row):
+        kind = "egoistic" if number < 0 else "prosocial" if number < PERSON else "altruistic"
+        axes.add_patch(Polygon(corners((x, y), heading, *size), color=COLORS[kind], zorder=3))
     x, y, _ = _place(lines[ego], float(traffic.along[row, ego]))
     axes.set_aspect("equal")
     axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))

@@ -150,6 +150,10 @@ class View:
     """The policy, the folder of an audit, or the file of demonstrations or of recorded traffic."""
     angle: float | None = None
     """Angle in degrees at which a dial begins; by default 45."""
+    world: str = "intersection"
+    """World of a policy: in another one than the intersection (a gridworld, with crosswalks,
+    continuous actions, merge, roundabout, or a file of `socialiq data world`) eight episodes of it
+    are shown."""
     port: int = 0
     """Port at 127.0.0.1; 0 takes a free one."""
     open: bool = True
@@ -164,7 +168,10 @@ class View:
         if self.angle is not None:
             check_angle(self.angle)
         check_extra()
-        content = opened(self.what, self.angle, self.code.trust) if self.what else None
+        if self.world != "intersection" and not self.what:
+            raise UserError("--world is of a policy: name one")
+        of = (self.angle, self.code.trust, self.world)
+        content = opened(self.what, *of) if self.what else None
 
         def show(address: str) -> None:
             say(f"{address}\nCtrl-C ends it")

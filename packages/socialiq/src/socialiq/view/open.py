@@ -27,27 +27,28 @@ from socialiq.storage import kind_of, shipped
 from socialiq.types import Ending, Policy
 from socialiq.view import View
 from socialiq.view.demonstrations import demonstrations_view
+from socialiq.view.driven import FIRST_ANGLE, driven_view
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import installed, loaded
-
-FIRST_ANGLE = 45.0
-"""Angle of a dial at the start, degrees."""
 
 GROUP = "socialiq.views"
 _OF_RECORDINGS = "socialiq_recordings.view:recording_view"
 
 
-def opened(what: str, angle: float | None, trust: Trust) -> View:
+def opened(what: str, angle: float | None, trust: Trust, world: str = "intersection") -> View:
     """Return a policy or a file as content of the page; the angle of a dial is in degrees.
 
     It may be the folder of an audit, a file of demonstrations or of recorded traffic, or a policy
-    as `audit.request.resolve_policy` takes it. `trust` are the permissions of one that is code.
+    as `audit.request.resolve_policy` takes it. `trust` are the permissions of one that is code. In
+    another world than the intersection a policy's episodes are driven here and shown.
 
     Raises:
         UserError: If it can't be read, is of another world, or an angle is given that has no use.
     """
     path = shipped(Path(what))
+    if world != "intersection":
+        return driven_view(what, world, angle, trust)
     kind, suffix, show = kind_of(path), path.suffix.lower(), None
     no_dial = UserError(f"--angle is of a dial, which {one_line(what)} is not: leave it out")
     if path.is_dir():

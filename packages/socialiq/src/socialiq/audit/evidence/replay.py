@@ -142,7 +142,7 @@ def replayer(
             states = states or [int(step.observation[0])]
             states.append(int(step.made.state[0]))
             totals += [float(reward[0]) for reward in step.made.rewards]
-        tracks = _tracks(_numbered(batch.table, states), 0, set())
+        tracks = _tracks(numbered(batch.table, states), 0, set())
         trace = Trace(GRID_PER_SECOND, len(states), tracks)
         return ReplayedEpisode(trace, len(states) - 1, RewardPair(*totals.tolist()))
 
@@ -226,7 +226,7 @@ def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> Repl
     return ReplayedEpisode(trace, decisions, RewardPair(*totals.tolist()), near)
 
 
-def _numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
+def numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
     """Yield the poses in each state; a vehicle that enters a slot again has another number."""
     world, height = table.world, table.world.size - 1
     before: dict[int, Pose] = {}

@@ -7,6 +7,7 @@ import { Ground, boxOf } from "./ground.js";
 
 const AROUND = 38; // m around a conflict that are shown
 const EARLY = 4; // s before a conflict's first entry at which it is shown
+const DRIVEN = { arrival: "arrives", collision: "collides", timeout: "out of time" };
 const ENDINGS = { arrival: "leaves", collision: "collides", timeout: "out of view" };
 
 /** Order of a conflict's tracks: who enters first, and who yields; null if neither arrives. */
@@ -30,7 +31,7 @@ export class Traffic {
     this.find = (name) => document.getElementById(name);
     const { conflicts, drivers, frames, dt, users } = shown;
     this.state = stateOf({
-      conflict: [conflicts.length ? 0 : -1, -1, conflicts.length - 1], driver: [-1, -1, users.length - 1], step: [-1, 0, frames - 1], speed: [1, 0.25, 4, 0.25],
+      conflict: [conflicts.length ? 0 : -1, -1, conflicts.length - 1], driver: [shown.driven ? drivers[0].track : -1, -1, users.length - 1], step: [-1, 0, frames - 1], speed: [1, 0.25, 4, 0.25],
     });
     this.ground = new Ground(this.find("road"), shown.lanes);
     const corners = shown.lanes.flatMap(({ left, right }) => [...left, ...right]);
@@ -112,10 +113,15 @@ export class Traffic {
   lists() {
     const { conflicts, drivers } = this.shown;
     this.find("none").hidden = conflicts.length > 0;
+    if (this.shown.driven) {
+      for (const name of ["why", "meanings", "far"]) this.find(name).hidden = true;
+      this.find("listed").textContent = "Episodes";
+      this.find("who").textContent = "seed";
+    }
     this.find("conflicts").replaceChildren(...conflicts.map((one, number) => this.row(this.words(one), () => this.choose(number, -1))));
     const rows = drivers.map((one) => {
       const [env, social] = [0, 1].map((place) => signed(one.rewards.reduce((sum, pair) => sum + pair[place], 0)));
-      return this.row([this.name(one.track), one.rewards.length, env, social, ENDINGS[one.ending] ?? one.ending], () => this.choose(-1, one.track));
+      return this.row([this.name(one.track), one.rewards.length, env, social, (this.shown.driven ? DRIVEN : ENDINGS)[one.ending] ?? one.ending], () => this.choose(-1, one.track));
     });
     this.find("drivers").replaceChildren(...rows);
   }
@@ -140,6 +146,7 @@ export class Traffic {
     const { time } = this.controls.clock;
     const chosen = conflicts[this.state.conflict];
     const users = this.usersAt(time);
+    if (this.shown.driven) this.state.driver = this.shown.drivers.findLast(({ frames }) => frames[0] <= time).track;
     const colours = this.colours();
     this.ground.begin(this.viewed(chosen, users), colours);
     const now = conflicts.filter(({ seen }) => seen.length && seen[0] <= time && time <= seen[1]);
@@ -167,6 +174,7 @@ export class Traffic {
   viewed(chosen, users) {
     const around = ([left, low, right, high], more) => [left - more, low - more, right + more, high + more];
     if (chosen) return around(boxOf(chosen.outline), AROUND);
+    if (this.shown.around === false) return this.box;
     const followed = users.find(({ track }) => track === this.state.driver);
     if (followed) return around(boxOf([[followed.x, followed.y]]), AROUND);
     return this.box;
@@ -176,7 +184,7 @@ export class Traffic {
     const { driver, conflict } = this.state;
     const rows = [[this.find("conflicts"), conflict], [this.find("drivers"), this.shown.drivers.findIndex(({ track }) => track === driver)]];
     for (const [list, place] of rows) [...list.children].forEach((row, number) => row.classList.toggle("now", number === place));
-    this.find("which").textContent = chosen ? this.sentence(chosen) : driver >= 0 ? `Vehicle ${this.name(driver)}` : "Whole road";
+    this.find("which").textContent = chosen ? this.sentence(chosen) : driver >= 0 ? `${this.shown.driven ? "Episode of" : "Vehicle"} ${this.name(driver)}` : "Whole road";
     this.find("outcome").textContent = `${(time * dt).toFixed(1)} s`;
     const words = order.filter((track) => this.rewards.has(track)).map((track) => `${this.name(track)}: own progress ${this.sum(track, 0, time)}, effect on others ${this.sum(track, 1, time)}`);
     this.find("sums").textContent = words.join("; ") || (chosen ? "These vehicles make no episode." : "");
