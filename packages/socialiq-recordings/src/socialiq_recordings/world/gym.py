@@ -123,7 +123,7 @@ class JunctionBatch(RoadBatch):
         steps = self.traffic.step - self.traffic.begun
         return (steps // self.options.frames).astype(np.float32)
 
-    def lanes(self, row: int = 0) -> list[Float64[np.ndarray, "point 2"]]:
+    def ways(self, row: int = 0) -> list[Float64[np.ndarray, "point 2"]]:
         """Return the way of each vehicle of an episode's recording, m to the east and north."""
         road, recording = self.world.road, int(self.traffic.recording[row])
         vehicles = range(*road.recording_first[recording : recording + 2].tolist())
@@ -134,7 +134,7 @@ class JunctionBatch(RoadBatch):
 
         The ego's number is -1, those of people begin at `PERSON`; m, rad and m/s.
         """
-        road, traffic, lines = self.world.road, self.traffic, self.lanes(row)
+        road, traffic, lines = self.world.road, self.traffic, self.ways(row)
         recording = int(traffic.recording[row])
         base, ego = int(road.recording_first[recording]), int(traffic.ego[row])
         for vehicle in traffic.present[row, : int(traffic.n_present[row])].tolist():
@@ -322,7 +322,7 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
     base = int(road.recording_first[recording])
     drawing = figure(5.0, 5.0)
     axes = drawing.subplots()
-    lines = batch.lanes(row)
+    lines = batch.ways(row)
     axes.add_collection(LineCollection(lines, colors="#d5d5d5", linewidths=1.0))
     ego = int(traffic.ego[row])
     axes.plot(*lines[ego].T, color=COLORS["egoistic"], linewidth=1.2)

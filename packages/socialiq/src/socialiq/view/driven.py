@@ -61,7 +61,7 @@ class Placed(Protocol):
         """Yield the identity and the values of a `Place` of each road user of the first row."""
         ...
 
-    def lanes(self) -> list[np.ndarray]:
+    def ways(self) -> list[np.ndarray]:
         """Return the centre lines of its lanes, m to the east and north, each (point, 2)."""
         ...
 
@@ -82,7 +82,7 @@ def driven_view(spec: str, name: str, angle: float | None, trust: Trust) -> View
     Raises:
         UserError: If the world is unknown or the policy is of another one, or is no dial.
     """
-    world = open_world(name)
+    world: Any = open_world(name)
     batch = GridBatch(world.table(), 1) if world.is_exact else world.batch(1, traced=True)
     chosen = FIRST_ANGLE if angle is None else angle
     with resolve_policy(spec, world, chosen, trust) as loaded:
@@ -154,8 +154,9 @@ def _driven(world: World, batch: Any, policy: Policy, seed: int) -> Episode:
             for frame in frames[-batch.options.frames :]:
                 frame |= _people(batch)
     if states:
+        table: Any = world.table()
         size = {"length": 0.74 * CELL, "width": 0.44 * CELL}
-        for poses in numbered(batch.table, states):
+        for poses in numbered(table, states):
             frames.append({
                 number or EGO: Place(CELL * x, -CELL * y, -math.radians(degrees), 0.0, **size)
                 for number, (x, y, degrees) in poses.items()
@@ -166,14 +167,14 @@ def _driven(world: World, batch: Any, policy: Policy, seed: int) -> Episode:
 def _of_scene(scene: render.Scene) -> Frame:
     """Return the vehicles of a road of highway-env, whose y points south."""
     return {
-        EGO if slot == scene.ego else int(record["identity"]): Place(
-            *(float(sign * record[name]) for name, sign in _FIELDS)
-        )
+        EGO if slot == scene.ego else int(record["identity"]): _place(record)
         for slot, record in enumerate(scene.vehicles)
     }
 
 
-_FIELDS = (("x", 1.0), ("y", -1.0), ("heading", -1.0), ("speed", 1.0))
+def _place(record: Any) -> Place:
+    x, y, heading, speed = (float(record[name]) for name in ("x", "y", "heading", "speed"))
+    return Place(x, -y, -heading, speed)
 
 
 def _people(batch: Any) -> Frame:
@@ -182,9 +183,7 @@ def _people(batch: Any) -> Frame:
         return {}
     people = batch.buffers.vehicles[0, batch.options.first_walker :]
     return {
-        int(person["identity"]): Place(
-            *(float(sign * person[name]) for name, sign in _FIELDS), 2 * RADIUS, 2 * RADIUS
-        )
+        int(person["identity"]): _place(person)._replace(length=2 * RADIUS, width=2 * RADIUS)
         for person in people[np.isin(people["leg"], (WAITING, WALKING))]
     }
 
@@ -199,7 +198,7 @@ def _lanes(world: Any, batch: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         return
     south = np.array([1.0, 1.0 if isinstance(batch, Placed) else -1.0])
     if isinstance(batch, Placed):
-        ways = batch.lanes()
+        ways = batch.ways()
     else:
         road = getattr(world, "scene", None)
         ways = [shapes.way(lane) for lane in (LANES if road is None else road.road.lanes)]
