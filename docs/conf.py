@@ -49,12 +49,14 @@ autodoc_mock_imports = [
     "h5py",
     "highway_env",
     "minari",
+    "mlflow",
     "onnx",
     "onnxruntime",
     "shapely",
     "stable_baselines3",
     "tensorboard",
     "torch",
+    "wandb",
 ]
 
 # The site has the page itself in the place of its picture.

@@ -120,7 +120,8 @@ SETTINGS = (
 )
 """Studies, and a setting of each that is a number."""
 
-WRITTEN = ("out", "work", "tensorboard", "log")
+TRACKERS = ("tensorboard", "wandb", "mlflow")
+WRITTEN = ("out", "work", "log", *TRACKERS)
 """Options of paths that are written, not read."""
 
 WRITTEN_BY = (("data world", "demonstrations"), ("data world", "report"), ("dial", "calibrated"))
@@ -359,7 +360,7 @@ def _values(name: str, option: Option) -> Iterator[tuple[str, bool]]:
         written |= (name, word) in WRITTEN_BY
         places = UNWRITABLE if written else UNREADABLE
         for value in places:
-            if not (written and word in ("tensorboard", "log")):  # which add files to any folder
+            if not (written and word in (*TRACKERS, "log")):  # which add files to any folder
                 no_log = word == "log" and value.endswith(
                     "empty"
                 )  # a log without the look: status 1

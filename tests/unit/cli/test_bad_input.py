@@ -11,6 +11,7 @@ import safetensors.numpy
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
+from socialiq.learners.callbacks import TRACKERS
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
@@ -224,12 +225,12 @@ def test_a_missing_extra(capsys, monkeypatch):
 
 
 def test_missing_extras_of_doors(capsys, monkeypatch, tmp_path, data):
-    monkeypatch.setitem(sys.modules, "tensorboard", None)
     out, events = tmp_path / "run", tmp_path / "events"
-    options = ("--value-term", "value_expert", "--tensorboard", events, "--out", out)
-    assert "pip install 'socialiq[tensorboard]'" in refused(
-        capsys, "train", "iq-learn", data, *options
-    )
+    for extra in TRACKERS:
+        monkeypatch.setitem(sys.modules, extra, None)
+        options = ("--value-term", "value_expert", f"--{extra}", events, "--out", out)
+        line = refused(capsys, "train", "iq-learn", data, *options)
+        assert f"pip install 'socialiq[{extra}]'" in line
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     line = refused(capsys, "render", "crossing5", "--out", tmp_path / "x.png")
     assert "pictures: matplotlib is not installed; run pip install 'socialiq[draw]'" in line

@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,3 +40,18 @@ def test_card_lists_the_networks_of_an_ensemble(files, tmp_path):
 def test_ensemble_of_one_file_is_refused(files, tmp_path, capsys):
     assert main(["ensemble", files[0], "--out", str(tmp_path / "x.safetensors")]) == 2
     assert "at least two files" in capsys.readouterr().err
+
+
+def test_a_folder_for_a_hub_has_the_policy_and_its_card(files, tmp_path, capsys):
+    out = tmp_path / "hub"
+    command = ["export", files[0], "--format", "hub", "--out", str(out)]
+    assert main(command) == 0
+    assert {path.name for path in out.iterdir()} == {"README.md", "policy.safetensors"}
+    policy = load_values(out / "policy.safetensors")
+    assert policy.sha256 == load_values(Path(files[0])).sha256
+    assert f"{policy.sha256}" in (out / "README.md").read_text()
+    capsys.readouterr()
+    assert main(command) == 2 and "exists already" in capsys.readouterr().err
+    hub = pytest.importorskip("huggingface_hub", reason="extra `hub` is not installed")
+    card = hub.ModelCard.load(out / "README.md", ignore_metadata_errors=False)
+    assert card.data.library_name == "socialiq" and "driving" in card.data.tags

@@ -15,7 +15,7 @@ from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.saved import Saved
-from socialiq.outputs import refuse_existing
+from socialiq.outputs import all_or_none, new_folder, refuse_existing
 from socialiq.policies import card, export, load
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
@@ -29,7 +29,8 @@ FORMATS = {
     "card": (".md", ".txt"),
     "bom": (".json",),
 }
-"""Endings of a file's name, by its format."""
+"""Endings of a file's name, by its format; `HUB` is a folder."""
+HUB = "hub"
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ class Export(Printing):
 
     ONNX has the values of all actions and the best action as outputs, or of continuous actions the
     action. The card is Markdown, with
-    blanks for missing information. The bill of materials has the same facts as CycloneDX 1.7.
+    blanks for missing information. The bill of materials has the same facts as CycloneDX 1.7. A
+    folder as model hubs keep it has the policy's file and the card as README.md.
 
     Example: socialiq export prosocial --format onnx --out prosocial.onnx
     """
@@ -46,9 +48,10 @@ class Export(Printing):
     policy: Annotated[str, tyro.conf.Positional]
     """Policy, ensemble or dial file, or the name of a policy of the atlas."""
     format: str
-    """onnx, torch (weights as safetensors, by the names of the torch module), card or bom."""
+    """onnx, torch (weights as safetensors, by the names of the torch module), card, bom,
+    or hub."""
     out: Path
-    """File to write; must not exist."""
+    """File to write, of hub the folder; must not exist."""
     angle: float | None = None
     """Social angle of a dial, in degrees."""
     evaluation: Path | None = None
@@ -56,9 +59,11 @@ class Export(Printing):
 
     def run(self) -> int:
         """Read the policy, write the file and print what was written."""
-        one_of("format", self.format, tuple(FORMATS))
-        if self.evaluation and self.format not in ("card", "bom"):
-            raise UserError("an evaluation goes into a card: add --format card, or bom")
+        one_of("format", self.format, (*FORMATS, HUB))
+        if self.evaluation and self.format not in ("card", "bom", HUB):
+            raise UserError("an evaluation goes into a card: add --format card, bom or hub")
+        if self.format == HUB:
+            return self.folder()
         refuse_existing(self.out, *FORMATS[self.format])
         policy, training = self.read()
         if self.format not in ("onnx", "torch"):
@@ -74,6 +79,15 @@ class Export(Printing):
         write_atomically(self.out, content, replace=False)
         written = {"out": str(self.out), "format": self.format, "bytes": len(content)}
         written |= {"sha256": hashlib.sha256(content).hexdigest()}
+        return self.show(written, [written])
+
+    def folder(self) -> int:
+        """Write the policy's file and its card into a new folder."""
+        policy, training = self.read()
+        with all_or_none(new_folder(self.out)):
+            policy.save(self.out / "policy.safetensors")
+            write_atomically(self.out / "README.md", self.described(policy, training))
+        written = {"out": str(self.out), "format": HUB}
         return self.show(written, [written])
 
     def read(self) -> tuple[card.Exported, dict[str, Any]]:
@@ -116,7 +130,7 @@ class Export(Printing):
         at = "" if self.angle is None else f" at {self.angle:g} degrees"
         name = f"{Path(self.policy).stem}{at}"
         facts: dict[str, Any] = {"training": training, "evaluation": evaluation}
-        if self.format == "card":
+        if self.format != "bom":
             return card.model_card(policy, name, evaluated_by=words, **facts).encode()
         file = Path(self.policy) if self.angle is None else None  # a dial's file holds many
         sha256 = sha256_of_file(file) if file is not None and file.is_file() else ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import abc
+import os
 import signal
 import threading
 import time
@@ -159,27 +161,36 @@ def stop_requests() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-class EventFiles:
-    """One folder of events for each run; a context, and an `Callbacks.on_report`.
+class Tracker(abc.ABC):
+    """Records of each run in a folder for another program; a context, and an `on_report`.
 
-    The tag of a number is its name in metrics.csv, its step the number of updates. The folder of
-    all runs is made; events that are there stay, as TensorBoard wants it of a run that goes on.
+    A number has its name in metrics.csv, its step is the number of updates. What is there stays.
 
     Raises:
-        UserError: If the extra `tensorboard` is not installed, or the folder can't be written.
+        UserError: If the extra is not installed, or the folder can't be written.
     """
 
     def __init__(self, folder: Path, run_names: Sequence[str]) -> None:
-        module = "tensorboard.summary.writer.event_file_writer"
-        writer = optional(module, "tensorboard", "event files").EventFileWriter
         try:
-            self._writers = [writer(str(folder / name)) for name in run_names]
+            self._runs = [self.begun(folder, name) for name in run_names]
         except OSError as error:
             raise UserError(
                 f"cannot write {folder}: {error.strerror}; choose another place"
             ) from error
 
-    def __enter__(self) -> EventFiles:
+    @abc.abstractmethod
+    def begun(self, folder: Path, name: str) -> Any:
+        """Return what keeps the numbers of a run."""
+
+    @abc.abstractmethod
+    def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
+        """Keep the numbers of a chunk."""
+
+    @abc.abstractmethod
+    def end(self, run: Any) -> None:
+        """End a run."""
+
+    def __enter__(self) -> Tracker:
         return self
 
     def __exit__(
@@ -188,20 +199,87 @@ class EventFiles:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        for writer in self._writers:
-            writer.close()
+        for run in self._runs:
+            self.end(run)
 
     def __call__(self, report: Report) -> None:
         """Write the values of a chunk, for each run."""
+        columns = {**report.by_run, **report.monitored}
+        for number, run in enumerate(self._runs):
+            values = {name: float(np.asarray(column)[number]) for name, column in columns.items()}
+            self.write(run, report.done, values)
+
+
+class EventFiles(Tracker):
+    """TensorBoard's event files: a folder for each run."""
+
+    def begun(self, folder: Path, name: str) -> Any:
+        """Return the writer of a run."""
+        module = "tensorboard.summary.writer.event_file_writer"
+        return optional(module, "tensorboard", "event files").EventFileWriter(str(folder / name))
+
+    def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
+        """Add an event."""
         from tensorboard.compat.proto.event_pb2 import Event  # pyright: ignore
         from tensorboard.compat.proto.summary_pb2 import Summary  # pyright: ignore
 
-        hyperparameters = {**report.by_run, **report.monitored}
-        for run, writer in enumerate(self._writers):
-            values: list[Any] = [
-                Summary.Value(tag=name, simple_value=float(np.asarray(column)[run]))
-                for name, column in hyperparameters.items()
-            ]
-            summary = Summary(value=values)
-            writer.add_event(Event(wall_time=time.time(), step=report.done, summary=summary))
-            writer.flush()
+        tags: list[Any] = [
+            Summary.Value(tag=name, simple_value=value) for name, value in values.items()
+        ]
+        run.add_event(Event(wall_time=time.time(), step=step, summary=Summary(value=tags)))
+        run.flush()
+
+    def end(self, run: Any) -> None:
+        """Close the file."""
+        run.close()
+
+
+class WandbRuns(Tracker):
+    """Runs of Weights & Biases, offline unless its variable `WANDB_MODE` says otherwise."""
+
+    def begun(self, folder: Path, name: str) -> Any:
+        """Return a run of the project socialiq, whose files are below the folder's `wandb`."""
+        wandb = optional("wandb", "wandb", "runs of Weights & Biases")
+        folder.mkdir(parents=True, exist_ok=True)
+        quiet = wandb.Settings(silent=True, console="off", x_disable_stats=True)
+        mode = os.environ.get("WANDB_MODE", "offline")
+        where = {"project": "socialiq", "name": name, "dir": str(folder), "mode": mode}
+        return wandb.init(**where, reinit="create_new", settings=quiet)
+
+    def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
+        """Add a row of the run's history."""
+        run.log(dict(values), step=step)
+
+    def end(self, run: Any) -> None:
+        """Write what is left."""
+        run.finish()
+
+
+class MlflowRuns(Tracker):
+    """Runs of MLflow in the experiment socialiq of a data base, `mlflow.db` in the folder."""
+
+    def begun(self, folder: Path, name: str) -> Any:
+        """Return the client and the identity of a run."""
+        tracking = optional("mlflow.tracking", "mlflow", "runs of MLflow")
+        folder.mkdir(parents=True, exist_ok=True)
+        client = tracking.MlflowClient(f"sqlite:///{folder.resolve() / 'mlflow.db'}")
+        known = client.get_experiment_by_name("socialiq")
+        experiment = known.experiment_id if known else client.create_experiment("socialiq")
+        return client, client.create_run(experiment, run_name=name).info.run_id
+
+    def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
+        """Add the values of a step."""
+        from mlflow.entities import Metric  # pyright: ignore
+
+        client, identity = run
+        now = int(1000 * time.time())
+        client.log_batch(identity, [Metric(name, x, now, step) for name, x in values.items()])
+
+    def end(self, run: Any) -> None:
+        """Mark the run as finished."""
+        client, identity = run
+        client.set_terminated(identity)
+
+
+TRACKERS = {"tensorboard": EventFiles, "wandb": WandbRuns, "mlflow": MlflowRuns}
+"""Trackers by the option of `socialiq train`, which is the name of the extra too."""

@@ -18,7 +18,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.labels import trusted
-from socialiq.learners.callbacks import Callbacks, EventFiles, Report
+from socialiq.learners.callbacks import TRACKERS, Callbacks, Report
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import Dial
@@ -113,6 +113,10 @@ class RunOptions(SetOptions):
     tensorboard: Path | None = None
     """Folder for TensorBoard's event files too, one for each policy; metrics.csv is always
     written."""
+    wandb: Path | None = None
+    """Folder for runs of Weights & Biases too, offline: `wandb sync` sends them."""
+    mlflow: Path | None = None
+    """Folder for MLflow's data base too."""
 
 
 @dataclass(frozen=True)
@@ -196,11 +200,13 @@ class RunFolder:
                 listener(report)
 
         with ExitStack() as stack:
-            if self.options.tensorboard is not None:
+            for option, tracker in TRACKERS.items():
+                if (folder := getattr(self.options, option)) is None:
+                    continue
                 names = [
                     "_".join(f"{name}_{value:g}" for name, value in row.items()) for row in runs
                 ]
-                listeners.append(stack.enter_context(EventFiles(self.options.tensorboard, names)))
+                listeners.append(stack.enter_context(tracker(folder, names)))
             if not self.options.resume:
                 if not self.out.exists():
                     stack.push(remove_if_empty)
