@@ -1,6 +1,7 @@
 """Episodes of a policy in any world as traffic of the page."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def episodes_of(view):
 
 @pytest.mark.parametrize("name", ["merge", "roundabout"])
 def test_a_scene_is_driven_as_evaluation_drives_it(name, tmp_path):
-    world = open_world(name)
+    world: Any = open_world(name)
     view = opened(policy_of(world, tmp_path, 3), None, Trust(), name)
     driver = QPolicy.load(tmp_path / "policy.safetensors")
     rows = record(world.batch(1), driver, range(1, 1 + EPISODES), "one").transitions
