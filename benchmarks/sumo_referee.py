@@ -3,8 +3,9 @@
     python benchmarks/sumo_referee.py --out results/sumo-referee
 
 Each state is that of the intersection at a reset, without later arrivals, so both worlds have the
-same vehicles at the same places and speeds. A driver of the core chooses the actions, and SUMO's
-ego takes the same ones; its last one is repeated. Needs the extra `sumo`.
+same vehicles at the same places and speeds, with the same desired speeds. A driver of the core
+chooses the actions, and SUMO's ego takes the same ones; its last one is repeated. Needs the extra
+`sumo`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from socialiq.worlds.sumo.traffic import EGO, Scene, SumoOptions
 
 FIRST_SEED, STATES = 120_000_000, 200
 DRIVERS = "go", "wait", "gap_3s", "random"
-MODELS = "IDM", "Krauss"
+MODELS = "IDM", "Krauss", "IDM_heedless"
+HEEDLESS = 55  # speed mode: for vehicles ahead alone, without right of way at junctions and in them
 HORIZON, LEAST = 30.0, 2.0  # s to the common end; m from which a delay has a sign
 ARMS = "SWNE"
 LENGTH, LIMIT = 100.0, 10.0  # m of an approach, m/s of every lane
@@ -67,6 +69,16 @@ class Copied(Scene):
         return "\n".join(["<routes>", *self._types(), *lines, "</routes>"])
 
 
+class Heedless(Episode):
+    """Episode in which SUMO's drivers heed no right of way, neither at a junction nor within it."""
+
+    def _begin(self, with_ego: bool) -> None:
+        super()._begin(with_ego)
+        for name in self.sumo.vehicle.getIDList():
+            if name != EGO:
+                self.sumo.vehicle.setSpeedMode(name, HEEDLESS)
+
+
 def stop_distance(vehicle: Any) -> float:
     """Return the metres from a vehicle's middle to its stop line, 11 m from the junction's."""
     return max(abs(vehicle["x"]), abs(vehicle["y"])) - 11.0
@@ -82,7 +94,9 @@ def compare(seed: int, driver: str, model: str) -> Row:
     """Drive one state in both, and return the delays."""
     batch = make("intersection-caused", spawn_probability=0.0, horizon=HORIZON).batch(1)
     observation = batch.reset([seed])
-    lasting, chooser = Episode(Copied(batch, model), seed), policy(driver, seed)
+    following, _, heedless = model.partition("_")
+    lasting = (Heedless if heedless else Episode)(Copied(batch, following), seed)
+    chooser = policy(driver, seed)
     delay, actions, ending = 0.0, list[int](), 0
     while not ending:
         action = np.asarray(chooser.predict(observation)[0]).reshape(1)

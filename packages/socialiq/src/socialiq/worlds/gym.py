@@ -18,7 +18,6 @@ from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.scenes import Scene
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld, SceneWorld, world_of
 from socialiq.worlds.intersection.crosswalk import PERSON, CrosswalkOptions
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import Decisions
 
@@ -103,13 +102,11 @@ def _road(
     scene: RoadWorld | Scene | str, options: dict[str, Any], size: int, threads: int = 1
 ) -> tuple[RoadWorld, RoadBatch]:
     """Return a road as the constructors below name it, and episodes of it."""
-    if isinstance(scene, str) and scene == "intersection":
+    if isinstance(scene, str) and scene in registry.INTERSECTIONS:
         back_end = options.pop("back_end", "core")
-        kind = ContinuousOptions if "actions" in options else Options
-        world = Intersection(registry.parse_options("intersection", kind, options))
+        name = "intersection-continuous" if "actions" in options else scene
+        world = cast(Intersection, registry.make(name, **options))
         return world, world.batch(size, threads, back_end)
-    if scene in registry.WALKED:
-        scene = cast(RoadWorld, registry.make(cast(str, scene), **options))
     world = scene if isinstance(scene, RoadWorld) else world_of(scene, **options)
     return world, world.batch(size, threads)
 
