@@ -75,9 +75,10 @@ class Demand(NamedTuple):
     people: np.ndarray
 
 
-def ours(seeds: list[int]) -> Iterator[tuple[Demand, list[Row]]]:
+def ours(seeds: list[int], spawning: float) -> Iterator[tuple[Demand, list[Row]]]:
     """Yield the demand of each episode, and a row for each person who came in time."""
-    world = make("intersection-crosswalk", duration=float(SECONDS))
+    options = {"duration": float(SECONDS), "spawn_probability": spawning}
+    world = make("intersection-crosswalk", **options)
     batch = world.batch(len(seeds), traced=True)
     batch.reset(np.array(seeds))
     first, dt = batch.options.first_walker, 1 / batch.options.simulation_frequency
@@ -190,7 +191,7 @@ def sumos(demand: Demand, seed: int) -> list[Row]:
                     end.setdefault(name, now)
                 if name not in end:
                     walked[name] = walked.get(name, 0.0) + speed / STEPS
-                    if name not in off and speed < 0.1:
+                    if name not in off and speed < 0.1 and now > began[name]:
                         waits[name] = waits.get(name, 0.0) + 1 / STEPS
     return [
         {
@@ -248,21 +249,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--episodes", type=int, default=EPISODES)
+    parser.add_argument("--spawn-probability", type=float, nargs="+", default=[0.3, 0.1])
     chosen = parser.parse_args()
     seeds = [FIRST_SEED + number for number in range(chosen.episodes)]
-    rows, came = list[Row](), 0
-    for seed, (demand, table) in zip(seeds, ours(seeds), strict=True):
-        came += int((demand.people["desired_speed"] < COUNTED).sum())
-        rows += [*table, *sumos(demand, seed)]
-    table = distances(rows)
+    rows, table = list[Row](), list[Row]()
+    for spawning in chosen.spawn_probability:
+        played = list[Row]()
+        for seed, (demand, own) in zip(seeds, ours(seeds, spawning), strict=True):
+            played += [*own, *sumos(demand, seed)]
+        named = {"spawn_probability": spawning}
+        rows += [named | row for row in played]
+        table += [named | row for row in distances(played)]
     chosen.out.mkdir(parents=True, exist_ok=True)
     rounded = [_rounded(row, 4) for row in table]
     (chosen.out / "people.csv").write_text(as_csv([_rounded(row, 2) for row in rows]))
     (chosen.out / "distances.csv").write_text(as_csv(rounded))
-    config = {"first_seed": FIRST_SEED, "episodes": chosen.episodes, "came": came}
+    config = {"first_seed": FIRST_SEED, "episodes": chosen.episodes}
     config |= {"seconds": SECONDS, "counted_until": COUNTED, "libsumo": version("libsumo")}
     (chosen.out / "config.json").write_text(json.dumps(config, indent=1) + "\n")
-    print(f"{came} people came until {COUNTED:g} s")
     for row in rounded:
         print(row)
 
