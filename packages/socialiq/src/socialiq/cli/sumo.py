@@ -58,21 +58,21 @@ class WorldSumo(Printing):
         notes = self.unused(scene)
         if self.json:
             result: dict[str, Any] = {"junctions": junctions, "ways": ways, "ego": scene.way}
-            asked = {"demand": self.asked(scene)} if scene.asked else {}
-            print_json(result | asked | {"entered": entered, "not_used": notes})
+            departing = {"demand": self.demanded(scene)} if scene.user_demand else {}
+            print_json(result | departing | {"entered": entered, "not_used": notes})
             return 0
         print_table(junctions)
         print_table(ways[:_MOST_WAYS], f"ways of an ego ({len(ways)}), here {' '.join(scene.way)}")
         print_table(listed(entered, "entered in 45 s"))
-        if scene.asked:
-            print_table(listed(self.asked(scene), f"in {demand}"))
+        if scene.user_demand:
+            print_table(listed(self.demanded(scene), f"in {demand}"))
         if notes:
             print_table([{"not used": note} for note in notes])
         return 0
 
-    def asked(self, scene: Scene) -> dict[str, int]:
+    def demanded(self, scene: Scene) -> dict[str, int]:
         """Return how many road users of each class the demand has."""
-        departures = scene.asked.departures if scene.asked else []
+        departures = scene.user_demand.departures if scene.user_demand else []
         return {kind: sum(row.kind == kind for row in departures) for kind in CLASSES}
 
     def unused(self, scene: Scene) -> list[str]:

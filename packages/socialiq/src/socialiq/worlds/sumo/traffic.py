@@ -85,7 +85,7 @@ class Scene:
 
     def __init__(self, options: SumoOptions) -> None:
         self.options, self.network = options, read_network(options.net)
-        self.asked = read_demand(options.demand) if options.demand else None
+        self.user_demand = read_demand(options.demand) if options.demand else None
         self.seconds = options.warm_up + options.decisions(options.road)
         self.pairs = {kind: list(self.network.routes(kind)) for kind in CLASSES}
         self.pairs["pedestrian"] = self.network.walks()
@@ -114,7 +114,7 @@ class Scene:
 
     def begin(self, seed: int) -> float:
         """Return the time of SUMO at which an episode begins, before its warm-up, s."""
-        return self.asked.begin(seed, self.seconds) if self.asked else 0.0
+        return self.user_demand.begin(seed, self.seconds) if self.user_demand else 0.0
 
     def front(self, seed: int) -> float:
         """Return where the ego's front enters its first edge, m."""
@@ -129,8 +129,8 @@ class Scene:
         rate of a class doesn't move another's departures. No type has a random part.
         """
         begin, options = self.begin(seed), self.options
-        departures = self.asked.within(begin, self.seconds) if self.asked else []
-        seconds = 0 if self.asked else int(np.ceil(self.seconds))
+        departures = self.user_demand.within(begin, self.seconds) if self.user_demand else []
+        seconds = 0 if self.user_demand else int(np.ceil(self.seconds))
         for number, (kind, pairs) in enumerate(self.pairs.items()):
             stream, rate = np.random.default_rng([seed, number]), getattr(options, f"{kind}_rate")
             for second in range(seconds if pairs else 0):
@@ -158,7 +158,7 @@ class Scene:
             f'<vType id="bicycle" vClass="bicycle" {fixed}/>',
             '<vType id="pedestrian" vClass="pedestrian" speedDev="0"/>',
             f'<vType id="{EGO}" {car}/>',
-            *(self.asked.types if self.asked else ()),
+            *(self.user_demand.types if self.user_demand else ()),
         ]
 
     def _departure(
