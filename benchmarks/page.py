@@ -10,6 +10,7 @@ import importlib.util
 import json
 import shutil
 import statistics
+import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.page.webassembly.equality import run_node
+from socialiq.errors import UserError
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.page.write import write_page
 from socialiq.worlds.intersection.options import Options
@@ -65,20 +66,24 @@ def run(repeats: int) -> dict[str, Any]:
     Raises:
         UserError: If Node isn't installed.
     """
-    options = Options()
-    native, node = [], []
+    node = shutil.which("node")
+    if node is None:
+        raise UserError("Node.js isn't installed: install it, for example the package nodejs")
+    options, native, in_node = Options(), [], []
     batch = Batch(options, ROWS)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "layout.json"
         path.write_text(json.dumps(layout(options)))
-        words = [str(CORE), str(path), str(ROWS), str(DECISIONS)]
+        script = Path(__file__).with_name("rate.mjs")
+        words = [node, str(script), str(CORE), str(path), str(ROWS), str(DECISIONS)]
         for _ in range(repeats):
             native.append(native_rate(batch))
-            node.append(float(run_node("rate.mjs", *words)))
+            done = subprocess.run(words, capture_output=True, text=True, check=True)
+            in_node.append(float(done.stdout))
     return {
         "native_decisions_per_s": statistics.median(native),
-        "node_decisions_per_s": statistics.median(node),
-        "ratio": float(np.median(np.divide(node, native))),
+        "node_decisions_per_s": statistics.median(in_node),
+        "ratio": float(np.median(np.divide(in_node, native))),
         "bytes": CORE.stat().st_size,
         **in_browser(),
     }

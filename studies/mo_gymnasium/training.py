@@ -83,10 +83,10 @@ def value_dials(
         for number, seed in enumerate(seeds)
     ]
 
-    def exploring(networks: Any, run: int, done: int, rng: Any) -> Driver:
+    def exploring(network: Any, run: int, done: int, rng: Any) -> Driver:
         share = max(LAST_EXPLORATION, 1.0 - 2.0 * done / steps)
         explores = dataclasses.replace(numbers[run], exploration=share)
-        return Driver(static, explores, networks.values, rng)
+        return Driver(static, explores, network, rng)
 
     sources = [from_env(task.make(), ROUND, goes_on=True) for _ in seeds]
     collect = Collector(sources, list(seeds), exploring)

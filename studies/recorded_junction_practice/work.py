@@ -21,7 +21,7 @@ from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import load_arrays, save_arrays, write_json
-from socialiq.types import Row
+from socialiq.types import Memoryless, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
@@ -246,7 +246,7 @@ def blocked(
 
 
 @dataclass(frozen=True)
-class Rule:
+class Rule(Memoryless):
     """A planted driver."""
 
     name: str  # its name
@@ -254,17 +254,11 @@ class Rule:
     acceleration: float  # on a free way, m/s²
     levels: tuple[float, ...]  # accelerations of the world's actions, m/s²
 
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[Int64[np.ndarray, " row"], Any]:
+    def choose(self, observation: Any, _deterministic: bool, /) -> Int64[np.ndarray, " row"]:
         """Return its actions."""
         met, speed = blocked(observation, self.seconds)
         brakes = np.where(speed > _STANDS, self._nearest(_BRAKES), self._nearest(0.0))
-        return np.where(met, brakes, self._nearest(self.acceleration)), state
+        return np.where(met, brakes, self._nearest(self.acceleration))
 
     def _nearest(self, rate: float) -> int:
         return int(np.argmin(np.abs(np.array(self.levels) - rate)))

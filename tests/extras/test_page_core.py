@@ -5,11 +5,12 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.page_core import equality
+from tests.page_core.equality import compared, in_node, native
 
 from socialiq.cli.main import main
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.webassembly import build, equality
-from socialiq.page.webassembly.equality import compared, in_node, native
+from socialiq.page.webassembly import build
 from socialiq.page.webassembly.layout import CORE
 from socialiq.storage import packaged_results, read_json
 from socialiq.worlds.intersection.options import FleetOptions, Options

@@ -8,14 +8,15 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from tests.page_core.equality import native
+from tests.page_core.fleets import chosen_cars
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.data import CAUSED_STUDY, FAMILY, STORY_SEED, STUDY, shipped_dial
-from socialiq.page.fleets import DIALS, OPTIONS, chosen_cars
-from socialiq.page.webassembly.equality import native
+from socialiq.page.fleets import DIALS, OPTIONS
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.population.fleet import drive
 from socialiq.storage import packaged_results

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.page_core.fleets import chosen_cars, rates_of
 
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.data import ANGLES
-from socialiq.page.fleets import COUNTS, DIALS, OPTIONS, chosen_cars, fleet_data, rates_of
+from socialiq.page.fleets import COUNTS, DIALS, OPTIONS, fleet_data
 from socialiq.storage import packaged_results
 
 

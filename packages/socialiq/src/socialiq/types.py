@@ -118,6 +118,34 @@ class Policy(Protocol):
         ...
 
 
+class Memoryless:
+    """Base class of policies whose actions depend on the observation alone; it writes `choose`."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,
+    ) -> tuple[Any, Any]:
+        """Choose actions, as `Policy`; the policy has no memory.
+
+        Args:
+            observation: Shape (features,) or (batch, features).
+            state: Returned unchanged.
+            episode_start: Ignored.
+            deterministic: Whether to take the best action; else one is drawn, where a policy draws.
+
+        Raises:
+            UserError: If an observation doesn't fit a policy that checks it.
+        """
+        return self.choose(observation, deterministic), state
+
+    def choose(self, observation: Any, deterministic: bool, /) -> Any:
+        """Return the action for one observation, or the actions for a batch."""
+        raise NotImplementedError
+
+
 class Step(NamedTuple):
     """Result of one step of a simulator, before any reset.
 

@@ -7,12 +7,11 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
-from socialiq.learners.dial.objective import Networks, objective
+from socialiq.learners.dial.objective import objective
 from socialiq.learners.dial.rows import Rows, at_other_times, draw_directions, draw_rows
 from socialiq.learners.expert_table import Batch, Replay
 from socialiq.learners.state import stack
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
 STRUCTURE = DialConfig(hidden=(4,))
@@ -24,8 +23,6 @@ NUMBERS = stack(
             temperature=0.5,
             discount=0.9,
             chi2_alpha=0.25,
-            shrinkage=0.3,
-            spread=0.2,
         )
     ]
 )[0]
@@ -48,11 +45,8 @@ def angles(*degrees: float) -> RewardPair:
     return RewardPair(jnp.cos(radians), jnp.sin(radians))
 
 
-def by_hand(
-    network: DialNetwork, rows: Rows, scored: slice, skill: np.ndarray | None = None
-) -> tuple[float, float, float]:
-    """The three terms in plain loops; `skill` is f(s, a) of each row."""
-    added = np.zeros(4) if skill is None else skill
+def by_hand(network: DialNetwork, rows: Rows, scored: slice) -> tuple[float, float, float]:
+    """The three terms in plain loops."""
     expert, value, prior = [], [], []
     for row in range(4):
         one = jax.tree.map(lambda leaf, row=row: leaf[row], (rows.batch, rows.direction))
@@ -66,7 +60,7 @@ def by_hand(
         told = direction.env * transition.target.env + direction.social * transition.target.social
         expert.append(reward)
         value.append(v - follows)
-        prior.append((reward - 2.0 * told - added[row]) ** 2)
+        prior.append((reward - 2.0 * told) ** 2)
     weight = 3.0 / (4 * 0.25)
     return (
         float(-np.mean(expert[: rows.n_expert])),
@@ -82,7 +76,7 @@ def test_the_loss_is_its_formula_at_each_rows_own_angle(scored: str, rows_scored
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2)
     static = dataclasses.replace(STRUCTURE, scored=scored)
-    total, terms = objective(Networks(network, None), network, rows, NUMBERS, static)
+    total, terms = objective(network, network, rows, NUMBERS, static)
     expected = by_hand(network, rows, rows_scored)
     found = [float(terms[name]) for name in ("expert", "value", "prior")]
     np.testing.assert_allclose(found, expected, rtol=1e-5)
@@ -93,34 +87,10 @@ def test_without_demonstrations_only_the_quadratic_is_left() -> None:
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
     static = dataclasses.replace(STRUCTURE, demonstrations=False)
-    total, terms = objective(Networks(network, None), network, rows, NUMBERS, static)
+    total, terms = objective(network, network, rows, NUMBERS, static)
     assert set(terms) == {"prior", "max_q", "loss"}
     expected = by_hand(network, rows._replace(n_expert=2), slice(None))[2]
     assert float(total) == pytest.approx(expected, rel=1e-5)
-
-
-def test_the_skill_is_learned_at_the_demonstrators_own_angles_and_added_to_the_score() -> None:
-    network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
-    skill = QNetwork.initialise(jax.random.key(1), 3, (4,), 2)
-    own = angles(0.0, 90.0)
-    rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2, own)
-    static = dataclasses.replace(STRUCTURE, demonstrators=(0.0, 90.0))
-    total, terms = objective(Networks(network, skill), network, rows, NUMBERS, static)
-    f = np.array([skill(one) for one in rows.batch.observation], np.float64)
-    shown = f[np.arange(4), np.asarray(rows.batch.action)]
-    moved, size = [], []
-    for row in range(2):
-        direction = RewardPair(own.env[row], own.social[row])
-        q = np.asarray(network(rows.batch.observation[row], direction), np.float64)
-        policy = np.exp(q / 0.5) / np.exp(q / 0.5).sum()
-        moved.append(policy @ f[row] - shown[row])
-        size.append(shown[row] ** 2 + 0.2 * (f[row] ** 2).sum())
-    expected = np.mean(moved) + 0.3 * np.mean(size)
-    assert float(terms["skill"]) == pytest.approx(expected, rel=1e-5)
-    prior = by_hand(network, rows, slice(None), shown)[2]
-    assert float(terms["prior"]) == pytest.approx(prior, rel=1e-5)
-    assert set(terms) == {"skill", "prior", "max_q", "loss"}
-    assert float(total) == pytest.approx(expected + prior, rel=1e-5)
 
 
 def test_angles_are_drawn_between_the_ends_and_a_little_beyond() -> None:
@@ -183,7 +153,7 @@ def networks(pairs: bool) -> tuple[DialNetwork, DialNetwork]:
 def test_a_hard_backup_takes_the_targets_largest_value() -> None:
     network, target = networks(pairs=False)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
-    found = float(objective(Networks(network, None), target, rows, NUMBERS, HARD)[1]["prior"])
+    found = float(objective(network, target, rows, NUMBERS, HARD)[1]["prior"])
     gaps = []
     for row in range(4):
         one, direction = jax.tree.map(lambda leaf, row=row: leaf[row], (rows.batch, rows.direction))
@@ -211,7 +181,7 @@ def by_hand_of_pairs(
 def test_pairs_have_a_quadratic_for_each_reward() -> None:
     network, target = networks(pairs=True)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
-    _, terms = objective(Networks(network, None), target, rows, NUMBERS, DOUBLE)
+    _, terms = objective(network, target, rows, NUMBERS, DOUBLE)
     each = [
         by_hand_of_pairs(network, target, *jax.tree.map(lambda one, row=row: one[row], rows[:2]))
         for row in range(4)

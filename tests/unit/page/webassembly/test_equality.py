@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from tests.page_core.equality import Replay, compared, native
 
-from socialiq.page.webassembly.equality import Replay, compared, native
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 

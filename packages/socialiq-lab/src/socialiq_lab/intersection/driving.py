@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, packaged_results, save_arrays, write_atomically
-from socialiq.types import Row
+from socialiq.types import Memoryless, Row
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
@@ -44,21 +44,16 @@ _PAIRS = ("totals", "classical")
 _POLICIES = (EnsemblePolicy, ActorPolicy, ActorDial, DialPolicy, QPolicy)
 
 
-class Deciding(NamedTuple):
+@dataclass(frozen=True)
+class Deciding(Memoryless):
     """A policy by a function of a batch of observations, the time with them or not."""
 
     n_features: int
     decide: Callable[[np.ndarray], np.ndarray]
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[np.ndarray, Any]:
+    def choose(self, observation: np.ndarray, _deterministic: bool, /) -> np.ndarray:
         """Choose one action for each row."""
-        return self.decide(observation), state
+        return self.decide(observation)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.social.angle import exact_weights, score
-from socialiq.types import Act, ByClass, Ending, Policy, RewardPair
+from socialiq.types import Act, ByClass, Ending, Memoryless, Policy, RewardPair
 from socialiq.worlds import world
 from socialiq.worlds.highway.world import RoadBatch, State
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
@@ -154,7 +154,7 @@ def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "bat
     return (target[:, :, None] == target[:, None, :]).argmax(axis=2)
 
 
-class OracleLookahead:
+class OracleLookahead(Memoryless):
     """Policy with oracle lookahead in the batch that it drives.
 
     It decides by `branched_returns` of another policy. The copies draw the same random numbers as
@@ -167,15 +167,9 @@ class OracleLookahead:
         self._policy, self._batch, self._weights = policy, batch, exact_weights(angle)
         self._clock = getattr(policy, "n_features", None) == batch.observation.shape[1] + 1
 
-    def predict(
-        self,
-        observation: np.ndarray,  # noqa: ARG002  the batch's state is used
-        state: None = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[Int64[np.ndarray, " batch"], None]:
+    def choose(self, _observation: Any, _deterministic: bool, /) -> Int64[np.ndarray, " batch"]:
         """Choose the action of each episode with the best known end."""
-        return self.totals().argmax(axis=1), state
+        return self.totals().argmax(axis=1)
 
     def totals(self) -> Float[np.ndarray, "batch action"]:
         """Return the score that each action gives from now to the end of its episode."""

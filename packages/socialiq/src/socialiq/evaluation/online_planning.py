@@ -19,13 +19,13 @@ from jaxtyping import Float, Int64
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import rollouts
 from socialiq.social.angle import exact_weights, score
-from socialiq.types import Ending
+from socialiq.types import Ending, Memoryless
 from socialiq.worlds.intersection.core.imagine import imagined
 from socialiq.worlds.intersection.options import ACTIONS, Options
 from socialiq.worlds.intersection.world import Batch, Intersection
 
 
-class RolloutPolicy:
+class RolloutPolicy(Memoryless):
     """Rollout policy of a network.
 
     The time, if the network reads it, goes on in the simulated decisions, and episodes end by it.
@@ -65,13 +65,7 @@ class RolloutPolicy:
         self._doubt, self._discount = doubt, discount
         self._batch: Batch | None = None  # of the last call; usually the next has the same size
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: None = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[Int64[np.ndarray, ...], None]:
+    def choose(self, observation: np.ndarray, _deterministic: bool, /) -> Int64[np.ndarray, ...]:
         """Choose the significantly best action; equal observations give equal actions."""
         array = np.asarray(observation, np.float32)
         rows = np.atleast_2d(array)
@@ -81,7 +75,7 @@ class RolloutPolicy:
         # The best of three noisy means is biased upwards; the network's own action needs no test.
         error = gain.std(axis=1, ddof=min(1, self._draws - 1)) / np.sqrt(self._draws)
         best = (gain.mean(axis=1) - self._doubt * error).argmax(axis=1)
-        return best.reshape(array.shape[:-1]), state
+        return best.reshape(array.shape[:-1])
 
     def values(
         self, observations: Float[np.ndarray, "batch feature"]

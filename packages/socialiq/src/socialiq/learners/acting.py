@@ -104,8 +104,8 @@ class Driver:
 def dials(static: DialConfig, hyperparameters: Sequence[DialHyperparameters]) -> Behaviour:
     """Return how dials act: each chunk with a `Driver`."""
 
-    def behaviour(networks: Any, run: int, _done: int, rng: np.random.Generator) -> Act:
-        return Driver(static, hyperparameters[run], networks.values, rng)
+    def behaviour(network: Any, run: int, _done: int, rng: np.random.Generator) -> Act:
+        return Driver(static, hyperparameters[run], network, rng)
 
     return behaviour
 
@@ -122,7 +122,7 @@ def dials_together(static: DialConfig, hyperparameters: Sequence[DialHyperparame
 
         def act(observation: np.ndarray) -> np.ndarray:
             by_run = _on_device(observation.reshape(len(drivers), per_run, -1))
-            q = np.asarray(_values_of_runs(networks.values, by_run, direction))
+            q = np.asarray(_values_of_runs(networks, by_run, direction))
             chosen = [driver.chosen(values) for driver, values in zip(drivers, q, strict=True)]
             return np.concatenate(chosen)
 

@@ -13,6 +13,7 @@ from socialiq.nn.dial_policy import Dial
 from socialiq.nn.q_policy import checked_batch, fields_of_network, numbers_of
 from socialiq.nn.saved import LOG_STD, SavedNetwork
 from socialiq.nn.view import Encoding
+from socialiq.types import Memoryless
 
 if TYPE_CHECKING:
     from socialiq.nn.actor import Actor
@@ -25,7 +26,7 @@ SQUASHES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 @dataclass(frozen=True)
-class ActorPolicy(SavedNetwork):
+class ActorPolicy(Memoryless, SavedNetwork):
     """Policy of continuous actions in [-1, 1], the ends being the bounds of the world's: tanh(u).
 
     Deterministic, u is the mean; else it is drawn from N(mean, std²), if the network has
@@ -89,20 +90,8 @@ class ActorPolicy(SavedNetwork):
             return mean, np.zeros_like(mean)
         return mean, np.exp(np.clip(value[:, self.action_size :], *LOG_STD))
 
-    def predict(
-        self,
-        observation: object,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Choose actions in [-1, 1], float32 (size,) or (batch, size); the policy has no memory.
-
-        Args:
-            observation: Shape (features,) or (batch, features).
-            state: Returned unchanged.
-            episode_start: Ignored.
-            deterministic: Whether the mean u is squashed, or a drawn one.
+    def choose(self, observation: object, deterministic: bool, /) -> np.ndarray:
+        """Return actions in [-1, 1], float32 (size,) or (batch, size), of the mean or a drawn u.
 
         Raises:
             UserError: If an observation is nested, has another shape or is not finite.
@@ -112,7 +101,7 @@ class ActorPolicy(SavedNetwork):
         if not deterministic and self.is_stochastic:
             mean = mean + deviation * self.rng.standard_normal(mean.shape, np.float32)
         actions = SQUASHES[self.squash](mean)
-        return (actions if numbers.ndim == 2 else actions[0]), state
+        return actions if numbers.ndim == 2 else actions[0]
 
     def has_sound_settings(self) -> bool:
         """Whether there are such actions, with a mean and no or a deviation for each number."""

@@ -13,6 +13,7 @@ from jaxtyping import Float, Float32
 from socialiq.errors import UserError, one_of
 from socialiq.nn.saved import Saved, SavedNetwork
 from socialiq.nn.view import Encoding
+from socialiq.types import Memoryless
 
 if TYPE_CHECKING:
     from socialiq.nn.q_network import QNetwork
@@ -21,7 +22,7 @@ TRAINABLE = ("relu", "elu")
 """Activations of networks that can be trained."""
 
 
-class ValuePolicy(Saved):
+class ValuePolicy(Memoryless, Saved):
     """Base class of policies that select actions by their values.
 
     Attributes:
@@ -64,20 +65,8 @@ class ValuePolicy(Saved):
         powers = np.exp(scaled - scaled.max(axis=1, keepdims=True))
         return powers / powers.sum(axis=1, keepdims=True)
 
-    def predict(
-        self,
-        observation: object,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Choose actions, greedily or from softmax(Q/τ); the policy has no memory.
-
-        Args:
-            observation: Shape (features,) or (batch, features).
-            state: Returned unchanged.
-            episode_start: Ignored.
-            deterministic: Whether to select greedily; else sample from softmax(Q/τ).
+    def choose(self, observation: object, deterministic: bool, /) -> np.ndarray:
+        """Return the greedy actions, or ones from softmax(Q/τ).
 
         Raises:
             UserError: If an observation is nested, has another shape or is not finite.
@@ -92,7 +81,7 @@ class ValuePolicy(Saved):
             cumulative = self.probabilities(batch).cumsum(axis=1)
             draws = self.rng.random((len(batch), 1))
             actions = np.minimum((draws >= cumulative).sum(axis=1), self.n_actions - 1)
-        return (actions if numbers.ndim == 2 else actions.squeeze(axis=0)), state
+        return actions if numbers.ndim == 2 else actions.squeeze(axis=0)
 
 
 def checked_batch(observations: Any, n_features: int) -> Float32[np.ndarray, "batch feature"]:

@@ -16,7 +16,7 @@ from socialiq.nn.q_policy import checked_batch
 from socialiq.policies.isolation import NOT_NEEDED, Isolation
 from socialiq.reading import read_bytes
 from socialiq.storage import shipped
-from socialiq.types import Policy
+from socialiq.types import Memoryless, Policy
 
 
 class Interface(NamedTuple):
@@ -110,7 +110,7 @@ class Interface(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BatchPolicy:
+class BatchPolicy(Memoryless):
     """A policy given by one function of a batch of observations; every answer is checked."""
 
     source: str  # its name in messages
@@ -118,18 +118,12 @@ class BatchPolicy:
     # (observations float32 (batch, features), deterministic) -> one action a row
     decide: Callable[[np.ndarray, bool], Any]
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Choose actions, as `types.Policy`; other answers than one action for each are refused."""
+    def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
+        """Return the actions; other answers than one action for each are refused."""
         batch = checked_batch(np.atleast_2d(observation), self.interface.n_features)
         answer = self.decide(batch, deterministic)
         actions = self.interface.checked(answer, len(batch), self.source)
-        return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), state
+        return actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from socialiq.nn.q_policy import QPolicy, checked_batch, numbers_of
 from socialiq.policies.interface import BatchPolicy, Interface
 from socialiq.policies.sb3_config import KINDS, Config, config_of, data_of
 from socialiq.policies.sb3_tensors import Archive, read_state_dict
-from socialiq.types import Policy
+from socialiq.types import Memoryless, Policy
 
 MOST_WORDS = 8 * 1024 * 1024
 MOST_NETWORK = 32 * 1024 * 1024
@@ -196,7 +196,7 @@ def _actor(
 
 
 @dataclass(frozen=True)
-class Normalised:
+class Normalised(Memoryless):
     """Policy of observations that are normalised first, as `VecNormalize` does."""
 
     policy: Any  # policy of the normalised observations
@@ -210,18 +210,12 @@ class Normalised:
         scaled = (batch - self.mean) / self.deviation
         return np.clip(scaled, -self.clip, self.clip).astype(np.float32)
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Choose actions, as `types.Policy`; `UserError` for an observation that doesn't fit."""
+    def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
+        """Return the actions; `UserError` for an observation that doesn't fit."""
         numbers = numbers_of(observation)
         batch = self.normal(np.atleast_2d(numbers))
         batch = batch if numbers.ndim == 2 else batch[0]
-        return self.policy.predict(batch, state, episode_start, deterministic)
+        return self.policy.predict(batch, deterministic=deterministic)[0]
 
 
 class SoftNormalised(Normalised):
@@ -267,7 +261,7 @@ def normalised(policy: Policy, content: bytes, n_features: int, source: str) -> 
 
 
 @dataclass(frozen=True)
-class EpsilonGreedy:
+class EpsilonGreedy(Memoryless):
     """Policy that takes the best action, or with probability ε a uniformly random one.
 
     Stable-Baselines3 draws once for all observations of a call; here every observation has its own
@@ -285,17 +279,11 @@ class EpsilonGreedy:
         n_actions = self.greedy.n_actions
         return (1.0 - self.epsilon) * np.eye(n_actions)[best] + self.epsilon / n_actions
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Choose actions, as `types.Policy`; `UserError` for an observation that doesn't fit."""
-        best, state = self.greedy.predict(observation, state, episode_start)
+    def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
+        """Return the actions; `UserError` for an observation that doesn't fit."""
+        best = self.greedy.choose(observation, True)
         if deterministic:
-            return best, state
+            return best
         explores = self.rng.random(best.shape) < self.epsilon
         random = self.rng.integers(self.greedy.n_actions, size=best.shape)
-        return np.where(explores, random, best), state
+        return np.where(explores, random, best)

@@ -18,7 +18,7 @@ from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.nn.saved import Arrays, Header, Saved
 from socialiq.social.angle import score, weights
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Ending, Memoryless, RewardPair
 from socialiq.worlds import crossing5, crossing7
 from socialiq.worlds.grid_world import GridWorld, Outcome
 from socialiq.worlds.highway.options import Contact
@@ -249,7 +249,7 @@ def _drawn(
 
 
 @dataclass(frozen=True)
-class TabularPolicy(Saved):
+class TabularPolicy(Memoryless, Saved):
     """Action probabilities by state, in the order of the world's state numbers."""
 
     KIND = "table"
@@ -295,18 +295,12 @@ class TabularPolicy(Saved):
             raise UserError(f"{path} has a row that is not a distribution: make it again")
         return cls(world, chances, sha256=header["sha256"])
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
+    def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
         """Choose actions: the most probable (the first of equals), or drawn from the table."""
         batch = np.atleast_2d(np.rint(observation).astype(np.int64))
         chances = self.probabilities[self.world.index(batch)]
         actions = chances.argmax(axis=1) if deterministic else draw_actions(chances, self.rng)
-        return actions.reshape(np.shape(observation)[:-1]), state
+        return actions.reshape(np.shape(observation)[:-1])
 
 
 def draw_actions(

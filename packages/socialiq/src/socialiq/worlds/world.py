@@ -16,7 +16,7 @@ from gymnasium import Space, spaces
 from jaxtyping import Bool, Float, Float32, Int8, Int64
 
 from socialiq.errors import UserError
-from socialiq.types import Policy, RewardPair
+from socialiq.types import Memoryless, Policy, RewardPair
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.render import View
@@ -183,21 +183,15 @@ class World(abc.ABC):
         """Return so many episodes side by side, on so many threads if the world is compiled."""
 
 
-class ConstantPolicy:
+class ConstantPolicy(Memoryless):
     """Policy that always chooses one action: a number, or a vector."""
 
     def __init__(self, action: int | np.ndarray) -> None:
         self.action = action
 
-    def predict(
-        self,
-        observation: Any,  # noqa: ARG002  part of the protocol
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[np.ndarray, Any]:
+    def choose(self, _observation: Any, _deterministic: bool, /) -> np.ndarray:
         """Return the action for one observation."""
-        return np.asarray(self.action), state
+        return np.asarray(self.action)
 
 
 def observed_with_time(

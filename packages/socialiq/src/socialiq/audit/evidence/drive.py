@@ -20,7 +20,7 @@ from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
 from socialiq.social.angle_rule import AngleRule
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Ending, Memoryless, RewardPair
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import Actor, ConstantPolicy, Simulator, World
 
@@ -209,21 +209,15 @@ GO_AND_WAIT = ("go", "wait")
 """Constant drivers of the intersection, which are references already, by name of their rule."""
 
 
-class UniformPolicy:
+class UniformPolicy(Memoryless):
     """Policy that chooses each of some actions with the same probability, whatever it observes."""
 
     def __init__(self, actions: int) -> None:
         self._actions = actions
 
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[np.ndarray, Any]:
+    def choose(self, observation: Any, _deterministic: bool, /) -> np.ndarray:
         """Return the first action: the draws follow `probabilities`."""
-        return np.zeros(len(observation), np.int64), state
+        return np.zeros(len(observation), np.int64)
 
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]

@@ -19,7 +19,7 @@ from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.foreign import drawing
-from socialiq.types import Policy, RewardPair
+from socialiq.types import Memoryless, Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.highway import render, sheet
 from socialiq.worlds.highway.scenes import SCENES
@@ -176,22 +176,18 @@ def road_of(world: World) -> Road | None:
     return Road(cast(RoadWorld, world), False) if world.view is not None else None
 
 
-class _OneByOne:
+class _OneByOne(Memoryless):
     """A policy that is asked about one observation at a time in an episode, as in environments."""
 
     def __init__(self, policy: Policy, deterministic: bool) -> None:
         self._actor = GymActor(policy, deterministic)
         self.n_features = getattr(policy, "n_features", None)
 
-    def predict(
-        self,
-        observation: Float32[np.ndarray, "1 feature"],
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002  the actor knows
-    ) -> tuple[Int64[np.ndarray, " 1"], Any]:
+    def choose(
+        self, observation: Float32[np.ndarray, "1 feature"], _deterministic: bool, /
+    ) -> Int64[np.ndarray, " 1"]:
         """Return the policy's action in an array of one."""
-        return self._actor.decide([*observation], np.ones(1, np.bool_)), state
+        return self._actor.decide([*observation], np.ones(1, np.bool_))
 
 
 def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> ReplayedEpisode:

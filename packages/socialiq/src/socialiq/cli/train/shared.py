@@ -32,7 +32,7 @@ from socialiq.types import Row
 
 CHUNK = 500
 """Updates between two rows of metrics.csv."""
-DECIDED = ("angle", "strength", "seed", "dataset", "online", "one_hot", "demonstrators")
+DECIDED = ("angle", "strength", "seed", "dataset", "online", "one_hot")
 """Fields of learners' configs that other options, the data or the world decide."""
 GRID = ("angle", "strength", "seed")
 """Settings in which the runs of a training differ."""

@@ -54,13 +54,8 @@ class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
     one_hot: tuple[tuple[int, int], ...] = ()
     """For observations of integers: smallest value and number of values of each feature, which
     the network then sees one place for each value. None: it sees the view."""
-    demonstrators: settings.Angles = ()
-    """Social angles of the demonstrators, in degrees, if what they share is to be learned too: a
-    skill f(s, a) that is added to R(α). Each run then has that many sets of demonstrations."""
-    skill_hidden: settings.Widths = (64, 64)
-    """Widths of the hidden layers of f."""
     expert_batch: Count = 64
-    """Demonstrated transitions of an update; of several demonstrators in equal parts."""
+    """Demonstrated transitions of an update."""
     replay_batch: Count = 192
     """The learner's own transitions of an update."""
     updates: Count = 24_000
@@ -74,13 +69,6 @@ class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
     def __post_init__(self) -> None:
         """Refuse names, sizes and combinations that make no run."""
         super().__post_init__()
-        if self.demonstrators and self.expert_batch % len(self.demonstrators):
-            raise UserError(
-                f"--set expert_batch={self.expert_batch} has no equal parts for "
-                f"{len(self.demonstrators)} demonstrators: choose a multiple"
-            )
-        if self.demonstrators and not self.demonstrations:
-            raise UserError("--set demonstrators without demonstrations: leave one out")
         if not self.online and not self.demonstrations:
             raise UserError("offline and without demonstrations there is nothing to learn from")
         if not self.demonstrations and self.scored == "demonstrations":
@@ -93,10 +81,6 @@ class DialConfig(settings.DrawnAngles, settings.Network, settings.Replay):
             )
         if self.classes and self.knots:
             raise UserError("--set knots is of one angle: leave it out with --set classes=true")
-        if self.heads == "pair" and self.demonstrators:
-            raise UserError(
-                "a skill is a score: choose --set heads=score, or leave out demonstrators"
-            )
         if self.knots == 1 or (self.knots and not self.margin and self.low == self.high):
             raise UserError("--set knots: give 0, or at least 2 and a range of angles")
         if self.driven_share and not self.online:
@@ -126,10 +110,6 @@ class DialHyperparameters(settings.CosineRate, settings.Dataset):
     """γ. With a clock the horizon is finite, and 1 is what the regret is counted with."""
     chi2_alpha: Positive = 0.5
     """α_χ: the squared term is w / (4 α_χ) (r̂ - λR(α))²."""
-    shrinkage: NotNegative = 0.2
-    """c: how strongly the skill f is drawn to 0 where there are demonstrations."""
-    spread: NotNegative = 0.05
-    """ε: the same for the actions that were not taken there, relative to c."""
     learning_rate: Positive = 1e-3
     polyak: settings.Rate = 0.01
     exploration: Share = 0.1
@@ -203,10 +183,7 @@ def check_fit(
     collects: bool,
 ) -> tuple[int, int]:
     """Return (features, actions) of runs that fit data and world, as `settings.check_fit`."""
-    of_run = max(len(static.demonstrators), 1)
-    if 0 < len(datasets) < of_run and static.demonstrations:
-        raise UserError("a run names a set of demonstrations beyond the 0 given")
-    sets = len(datasets) // of_run if static.demonstrations else None
+    sets = len(datasets) if static.demonstrations else None
     shapes = [(data.observation.shape[1], data.n_actions) for data in datasets]
     shapes += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
     acts = simulator is not None or collects

@@ -8,10 +8,6 @@ with the *instantaneous* R(α) = cos α · r_env + sin α · r_social. The two q
 Eq 4.5 are one such quadratic anyway (docs/theory.md); returns-to-go in the place of R pay a
 constant reward for staying, and steps do not.
 
-Where the demonstrators' own angles a_i are given, each is taken for one of its own angle and not of
-every row's: what they share beside R(a_i) is a skill f(s, a), learned from all of them, and the
-centre is λR(α) + f (`_skill_loss`).
-
 With pairs the network gives (Q_env, Q_social) of the policy of the row's angle, and there are two
 quadratics, each reward's own: the same fixed point, reached with less noise, because neither target
 depends on the angle but by the action of the next step (vector-valued values, as in Barreto et al.
@@ -20,7 +16,7 @@ depends on the angle but by the action of the next step (vector-valued values, a
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -31,32 +27,20 @@ from socialiq.learners.dial.rows import Rows
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]
 
 
-class Networks(NamedTuple):
-    """Q, and the skill f, None if no demonstrators are given."""
-
-    values: DialNetwork
-    skill: QNetwork | None
-
-
 def objective(
-    networks: Networks,
+    network: DialNetwork,
     target_network: DialNetwork,
     rows: Rows,
     hyperparameters: HyperparameterArrays,
     static: DialConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
-    """Return the loss and its terms: `expert` and `value` of IQ-Learn, `prior` the quadratic.
-
-    With `demonstrators`, `skill` stands in the place of IQ-Learn's terms.
-    """
-    network, skill = networks
+    """Return the loss and its terms: `expert` and `value` of IQ-Learn, `prior` the quadratic."""
     batch, direction, expert = rows.batch, rows.direction, slice(rows.n_expert)
     q, later, rewards = _implied(network, target_network, rows, hyperparameters, static)
     pairs = static.heads == "pair"
@@ -64,12 +48,7 @@ def objective(
     target = score(direction, batch.target)
 
     terms = {}
-    if skill is not None and rows.own is not None:
-        correction = jax.vmap(skill)(batch.observation)
-        terms["skill"] = _skill_loss(correction, target_network, rows, rows.own, hyperparameters)
-        taken = _at(correction, batch.action)
-        target = target + jax.lax.stop_gradient(taken) / hyperparameters.strength
-    elif static.demonstrations:
+    if static.demonstrations:
         soft = static.backup == "soft"
         value = losses.soft_value(q, hyperparameters.temperature) if soft else q.max(axis=-1)
         follows = score(direction, like(direction, later)) if pairs else later[0]
@@ -137,28 +116,3 @@ def _at(
     values: Float[Array, "batch action"], action: Int[Array, " batch"]
 ) -> Float[Array, " batch"]:
     return jnp.take_along_axis(values, action[:, None], axis=1)[:, 0]
-
-
-def _skill_loss(
-    correction: Float[Array, "batch action"],
-    target_network: DialNetwork,
-    rows: Rows,
-    direction: RewardPair,
-    hyperparameters: HyperparameterArrays,
-) -> Scalar:
-    """Loss of f(s, a): actions of demonstrators that their own R(a_i) + f doesn't explain yet.
-
-        E_i[ Σ_b π(b|s; a_i) f(s, b) - f(s, a) ] + c E_i[ f(s, a)² + ε Σ_b f(s, b)² ]
-
-    π is softmax(Q/τ) of the target network at the demonstrator's own angle a_i. In a state of the
-    demonstrations f therefore rises for actions that are taken more often than the policy of
-    R(a_i) + f would, and falls for the others, until that policy acts as shown or c outweighs it.
-    """
-    count = rows.n_expert
-    f, action = correction[:count], rows.batch.action[:count]
-    q = jax.vmap(target_network)(rows.batch.observation[:count], direction)
-    policy = jax.lax.stop_gradient(jax.nn.softmax(q / hyperparameters.temperature))
-    taken = _at(f, action)
-    moved = jnp.mean(jnp.sum(policy * f, axis=1) - taken)
-    size = jnp.mean(jnp.square(taken) + hyperparameters.spread * jnp.sum(jnp.square(f), axis=1))
-    return moved + hyperparameters.shrinkage * size

@@ -23,13 +23,11 @@ class Rows(NamedTuple):
         batch: Transitions; the first `n_expert` are demonstrations.
         direction: (cos α, sin α) of each row.
         n_expert: How many are demonstrations.
-        own: The demonstrators' own directions, of the demonstrations; None if they are not given.
     """
 
     batch: Batch
     direction: RewardPair
     n_expert: int
-    own: RewardPair | None = None
 
 
 class Acting(NamedTuple):
@@ -53,19 +51,11 @@ def draw_rows(
     ring: Replay | None,
     key: Array,
 ) -> Rows:
-    """Demonstrations, then the learner's own steps, each row at an angle drawn for it.
-
-    Of several demonstrators there are as many rows of each, in their order.
-    """
+    """Demonstrations, then the learner's own steps, each row at an angle drawn for it."""
     for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
-    batches, driven, demonstrators = list[Batch](), None, None
-    count = len(static.demonstrators)
+    batches, driven = list[Batch](), None
     if static.demonstrations and table is not None:
-        if not count:
-            batches.append(table.sample(for_expert, dataset, static.expert_batch))
-        for number, row_key in enumerate(jax.random.split(for_expert, count) if count else ()):
-            size = static.expert_batch // count
-            batches.append(table.sample(row_key, dataset * count + number, size))
+        batches.append(table.sample(for_expert, dataset, static.expert_batch))
     if ring is not None:
         sampled = ring.sample(for_replay, static.replay_batch)
         driven = sampled.direction
@@ -83,12 +73,7 @@ def draw_rows(
             return new.at[-size:].set(jnp.where(as_driven, old, new[-size:]))
 
         direction = jax.tree.map(joined, direction, driven)
-    if count:
-        pairs = jnp.array([exact_weights(angle) for angle in static.demonstrators])
-        pairs = jnp.repeat(pairs, static.expert_batch // count, axis=0)
-        demonstrators = RewardPair(pairs[:, 0], pairs[:, 1])
-    n_expert = static.expert_batch if static.demonstrations else 0
-    return Rows(batch, direction, n_expert, demonstrators)
+    return Rows(batch, direction, static.expert_batch if static.demonstrations else 0)
 
 
 def draw_directions(

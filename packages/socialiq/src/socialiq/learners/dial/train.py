@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 from socialiq.learners import settings
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters, check_fit
-from socialiq.learners.dial.objective import Networks, objective
+from socialiq.learners.dial.objective import objective
 from socialiq.learners.dial.rows import Acting, Rows, draw_directions, draw_rows
 from socialiq.learners.expert_table import Batch, ExpertTable, Replay
 from socialiq.learners.fit import BeforeChunk
@@ -25,7 +25,7 @@ from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
-from socialiq.nn.q_network import QNetwork, network_of
+from socialiq.nn.q_network import network_of
 from socialiq.types import ByClass, Ending, RewardPair, Simulator, Transitions
 
 
@@ -58,28 +58,13 @@ class Dial(Learner):
 
     name: ClassVar[str] = "dial"
 
-    def network(self, key: PRNGKeyArray) -> Networks:
-        """Draw Q, and the skill f if demonstrators are given."""
-        static = self.static
-        shape = (static.activation, static.view, static.one_hot)
-        n_features, n_actions = self.sizes
+    def network(self, key: PRNGKeyArray) -> DialNetwork:
+        """Draw Q."""
+        static, (n_features, n_actions) = self.static, self.sizes
         knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
-        pairs = static.heads == "pair"
-        values = DialNetwork.initialise(
-            key,
-            n_features,
-            static.hidden,
-            n_actions,
-            *shape,
-            static.times,
-            pairs,
-            knots,
-            static.classes,
-        )
-        if not static.demonstrators:
-            return Networks(values, None)
-        widths = (n_features, static.skill_hidden, n_actions)
-        return Networks(values, QNetwork.initialise(jax.random.fold_in(key, 1), *widths, *shape))
+        inputs = static.view, static.one_hot, static.times
+        shape = (n_features, static.hidden, n_actions, static.activation, *inputs)
+        return DialNetwork.initialise(key, *shape, static.heads == "pair", knots, static.classes)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw networks and start episodes, from the run's seed alone."""
@@ -136,15 +121,15 @@ class Dial(Learner):
         key, for_acting, for_rows = jax.random.split(carry.key, 3)
         carry = carry._replace(key=key)
         if self.simulator is not None:
-            carry = self.act(hyperparameters, state.network.values, carry, for_acting)
+            carry = self.act(hyperparameters, state.network, carry, for_acting)
         dataset = hyperparameters.dataset
         return draw_rows(self.static, self.table, dataset, carry.replay, for_rows), carry
 
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """The dial's objective; only Q has use for a target network."""
-        return objective(network, target_network.values, batch, hyperparameters, self.static)
+        """The dial's objective."""
+        return objective(network, target_network, batch, hyperparameters, self.static)
 
     def update(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
@@ -171,7 +156,7 @@ class Dial(Learner):
 
 def deployed(state: TrainState) -> DialNetwork:
     """Return the network that a policy is made of: the average of the weights, else the target."""
-    return (state.target_network if state.average is None else state.average).values
+    return state.target_network if state.average is None else state.average
 
 
 def dial_of(
@@ -205,7 +190,6 @@ def train(
 ) -> Trained:
     """Train one dial for each entry of `hyperparameters`, as `iq_learn.train.train` does a policy.
 
-    With `DialConfig.demonstrators` there is one set of demonstrations of each of them for a run.
     `sizes`, the features of an observation and the number of actions, is needed only where neither
     demonstrations nor a simulator tell. `budget` moves the multiplier (`Budget`).
 
@@ -294,7 +278,7 @@ class Budget:
         if not done:
             return runs
         before = np.asarray(runs.carry.multiplier, np.float64)
-        networks = runs.state.target_network.values
+        networks = runs.state.target_network
         regrets = [
             self._regret(network_of(networks, run), run, float(multiplier))
             for run, multiplier in enumerate(before)

@@ -6,7 +6,6 @@ They implement `types.Policy`, so they can drive the core and the real highway-e
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -14,6 +13,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 from socialiq.errors import one_of
 from socialiq.physics import desired_gap
 from socialiq.physics import idm as model
+from socialiq.types import Memoryless
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection import options as scenario
@@ -49,7 +49,7 @@ def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
     return vehicles
 
 
-class RulePolicy:
+class RulePolicy(Memoryless):
     """Policy defined by a rule.
 
     The rule is a function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions:
@@ -59,16 +59,10 @@ class RulePolicy:
     def __init__(self, rule: Rule) -> None:
         self._rule = rule
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,  # noqa: ARG002  part of the protocol
-    ) -> tuple[np.ndarray, Any]:
+    def choose(self, observation: np.ndarray, _deterministic: bool, /) -> np.ndarray:
         """Choose actions for one observation or a batch of them."""
         actions = self._rule(in_metres(np.atleast_2d(np.asarray(observation, np.float64))))
-        return (actions if np.ndim(observation) > 1 else np.asarray(actions[0])), state
+        return actions if np.ndim(observation) > 1 else np.asarray(actions[0])
 
 
 def stop_line(vehicles: Seen) -> Int64[np.ndarray, " batch"]:

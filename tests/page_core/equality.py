@@ -1,6 +1,6 @@
 """Equality of the native core and WebAssembly over many episodes of many drivers.
 
-`python -m socialiq.page.webassembly.equality --out FOLDER` writes the counts of both comparisons:
+`python -m tests.page_core.equality --out FOLDER` writes the counts of both comparisons:
 with this machine's elementary functions (sine, power, ...), and with the page's on both sides.
 """
 
@@ -226,7 +226,7 @@ def main(config: Comparison) -> None:
     if config.functions != "both":
         write_json(config.out / f"{config.functions}.json", counted(config))
         return
-    words = [sys.executable, "-m", "socialiq.page.webassembly.equality"]
+    words = [sys.executable, "-m", "tests.page_core.equality"]
     for name in ("episodes", "first", "chunk", "out"):
         words += [f"--{name}", str(getattr(config, name))]
     words += ["--angles", *map(str, config.angles), "--rules", *config.rules, "--functions"]

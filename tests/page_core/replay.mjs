@@ -5,7 +5,7 @@
 // OUT gets, for the reset and after each step, the arrays of `kept` as they are in memory.
 
 import { readFileSync, writeFileSync, appendFileSync } from "node:fs";
-import { Core } from "../assets/core.js";
+import { Core } from "../../packages/socialiq/src/socialiq/page/assets/core.js";
 
 const [core, layout, job, out] = process.argv.slice(2);
 const { seeds, decisions, kept } = JSON.parse(readFileSync(job));

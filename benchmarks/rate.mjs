@@ -1,7 +1,7 @@
 // Decisions per second of the processor, by the compiled core in Node: `node rate.mjs CORE LAYOUT ROWS DECISIONS`.
 
 import { readFileSync } from "node:fs";
-import { Core } from "../assets/core.js";
+import { Core } from "../packages/socialiq/src/socialiq/page/assets/core.js";
 
 const [core, layout, rows, decisions] = process.argv.slice(2);
 const module = new WebAssembly.Module(readFileSync(core));

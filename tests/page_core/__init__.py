@@ -1,0 +1,1 @@
+"""The core as WebAssembly beside the native one: `python -m tests.page_core.equality`."""
