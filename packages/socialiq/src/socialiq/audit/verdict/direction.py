@@ -147,10 +147,8 @@ def direction_test(
     width, drivers = profile.margin.width, drivers_of(evidence.references)
     ends = ends_of(drivers, profile.angle, width)
     tested = [None if end is None else driver_of(drivers, end) for end in ends]
-    is_bounded = profile.clip is not None or (
-        profile.scenario.world in NAMES and bool(possible_loss(profile.world(), 45.0))
-    )
-    compared = [row for row in drivers if is_bounded and (not ends_only or row in tested)]
+    bounded = _is_bounded(profile)
+    compared = [row for row in drivers if bounded and (not ends_only or row in tested)]
     values, limits = _differences(profile, evidence.policy, compared)
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
     ways, beyond = _ways(values, np.array([pass_error, fail_error / 2]))
@@ -185,6 +183,12 @@ def direction_test(
         fail_error=fail_error,
         needed=slowest(needs) if decision is Decision.INCONCLUSIVE and not missing else None,
     )
+
+
+def _is_bounded(profile: Profile) -> bool:
+    """Whether a clip, or the world's rewards, limit the difference of two drivers."""
+    named = profile.scenario.world in NAMES
+    return profile.clip is not None or (named and bool(possible_loss(profile.world(), 45.0)))
 
 
 def _differences(
