@@ -164,9 +164,9 @@ def caused(
         block = np.resize(seeds[first : first + size], size)
         column = _drive(batch, actor_on(batch), block, begun, judging=False)
         close = column["gap"] < CLOSE
-        waiting, _, hits = column["on_foot"].T
+        on_foot = column["on_foot"][:, 0], column["on_foot"][:, 2] > 0
         vehicles = column["delay"].sum(axis=1), column["braking"], close
-        blocks.append(np.stack([*vehicles, waiting, hits > 0]))
+        blocks.append(np.stack([*vehicles, *on_foot]))
     columns = np.concatenate(blocks, axis=1)[:, : len(seeds)]
     return dict(zip(QUANTITIES, columns, strict=True))
 
