@@ -47,7 +47,7 @@ BASES: dict[str, list[str]] = {
     "dial": ["crossing5", "--policy", DIAL],
     "turn": [DIAL, "--angle", "30", "--out", OUT],
     "ensemble": [POLICY, POLICY, "--out", OUT],
-    "evaluate": [POLICY, "--world", "crossing5", "--shield", "0"],
+    "evaluate": [POLICY, "--world", "crossing5", "--shield", "0", "--shift", "", "--front-end", ""],
     "effects": ["intersection", "--policy", "go", "--episodes", "2", "--out", OUT],
     "population": [
         "intersection",

@@ -35,7 +35,7 @@ def test_the_command_names_what_was_not_usual():
     assert command_of(plain, 7) == start
     assert command_of(dataclasses.replace(plain, log=Path("log")), 7) == start
     slow = Trust(limits=Limits(step=12.5, memory=GIB // 2))
-    asked = Request("atlas:prosocial", Path("a profile.toml"), 50, shift=True, trust=slow)
+    asked = Request("atlas:prosocial", Path("a profile.toml"), 50, shift=(), trust=slow)
     assert command_of(asked, 7) == f"{start} --shift --step-seconds 12.5 --memory-gib 0.5"
 
 

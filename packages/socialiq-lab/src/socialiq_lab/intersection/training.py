@@ -219,6 +219,8 @@ class DialIterationRun:
     """Of a training by what the ego causes, in the place of Eq 4.2."""
     agents: int = 1
     """Vehicles of an episode that the dial drives against itself; see `road.fleet_labeller`."""
+    shifts: tuple[str, ...] = ()
+    """Worlds of shifts that the dial drives in; see `road.shifted`."""
 
 
 def iteration_runs(
@@ -255,7 +257,10 @@ def train_dial_by_iteration(
         dial = DialPolicy.of(network, 1.0, structure.low, structure.high, {})
         return _mean_value(config.checks, dial, CHECK_ANGLES)
 
-    if config.agents > 1:
+    if config.shifts:
+        method = config.structure, start, config.shifts, 2 * ENVIRONMENTS
+        start, structure, labeller = road.shifted(*method)
+    elif config.agents > 1:
         fleet = make_fleet("intersection", config.agents, duration=DURATION)
         labeller = road.fleet_labeller(structure, fleet, FLEETS, clock)
     else:

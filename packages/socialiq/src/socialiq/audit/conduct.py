@@ -100,7 +100,7 @@ def conduct(
     clock, started = time.monotonic(), datetime.datetime.now(datetime.UTC)
     profile = load(request.profile)
     world = profile.world(request.trust.allow_code)
-    traffic = other_traffic(profile) if request.shift else ()
+    traffic = () if request.shift is None else other_traffic(profile, request.shift)
     if request.films:
         replay.check_filmed(world)
     with contextlib.ExitStack() as closing:

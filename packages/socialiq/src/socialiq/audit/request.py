@@ -72,7 +72,8 @@ class Request:
     trust: Trust = dataclasses.field(default_factory=Trust)
     threads: int = 1  # of the intersection
     films: bool = False  # whether to draw six episodes
-    shift: bool = False  # whether to run the policy in other traffic too
+    # shifts in which the policy runs too; none for the world's other traffic, None for neither
+    shift: tuple[str, ...] | None = None
     log: Path | None = None  # folder of the audit log; None keeps none
 
     def check(self) -> None:
@@ -94,7 +95,8 @@ def command_of(request: Request, seed: int) -> str:
     words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
     words += [word for reference in request.references for word in ("--reference", reference)]
-    words += [f"--{flag}" for flag in ("films", "shift", "soft") if getattr(request, flag)]
+    words += [f"--{flag}" for flag in ("films", "soft") if getattr(request, flag)]
+    words += [] if request.shift is None else ["--shift", *request.shift]
     words += ["--allow-code"] if request.trust.allow_code else []
     words += [word for file in request.trust.files for word in ("--files", file)]
     if request.trust.isolation != "auto":

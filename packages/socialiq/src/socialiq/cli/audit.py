@@ -90,9 +90,10 @@ class Audit(Printing):
     """Number of threads of the simulation."""
     films: bool = False
     """Render three median and three worst episodes as GIF files, which takes longer."""
-    shift: bool = False
-    """Also run the same number of episodes in other traffic, and report whether the policy drives
-    differently there. The verdict doesn't depend on it."""
+    shift: tuple[str, ...] | None = None
+    """Also run the same number of episodes in other traffic, or in each of some shifts (late,
+    unseen=.3, ...; as of `socialiq evaluate`), and report whether the policy drives differently
+    there. The verdict doesn't depend on it."""
     processes: int = 0
     """Processes among which the episodes are split, by seed; by default this one runs all."""
     replace: bool = False

@@ -157,7 +157,7 @@ class Verify(Printing):
                 soft=not report["policy"]["deterministic"],
                 trust=self.code.trust,
                 threads=self.threads,
-                shift=report["shift"] is not None,
+                shift=recompute.named_in(report),
             )
             done = conduct(request, say, recompute.opened_of(report))
         fresh = json.loads(json.dumps(done.report))

@@ -114,11 +114,11 @@ def road_named(name: str) -> Intersection | SceneWorld:
     return world_of(name) if name in SCENES else intersection_named(name)
 
 
-def intersection_named(name: str) -> Intersection:
+def intersection_named(name: str, shift: str = "", front_end: str = "") -> Intersection:
     """Return the intersection with its default options, of discrete or continuous actions."""
     world = registry.make(name)
     assert isinstance(world, Intersection)
-    return world
+    return world.shifted(shift, front_end)
 
 
 def gridworld_of(name: str, policy: Interface | DialPolicy | ClassDial) -> Table:

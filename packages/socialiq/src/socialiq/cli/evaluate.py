@@ -86,6 +86,12 @@ class Evaluate(Printing):
     shield: float = 0.0
     """At an intersection with crosswalks: brake where the time to collision with a person on foot
     is below so many seconds; 0: don't."""
+    shift: str = ""
+    """Change of the intersection by name (late, unseen-30, noise-3, right, straight, connected,
+    dense, wet, ...) or value (latency=1,unseen=.3); "or" stands between those that are drawn."""
+    front_end: str = ""
+    """Perception between sensors and policy, as latency=1,track=3,noise=1; known: as --shift has
+    these. exit=own tells the policy its exit, if it was trained with --shift."""
     processes: int = 0
     """Processes among which episodes of the intersection or of an environment are split, by seed;
     by default this one plays all."""
@@ -106,6 +112,8 @@ class Evaluate(Printing):
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
         if self.shield and self.world not in registry.WALKED:
             raise UserError(f"--shield is for people on foot: choose {registry.WALKED[0]}")
+        if (self.shift or self.front_end) and self.world not in registry.INTERSECTIONS:
+            raise UserError(f"--shift and --front-end are of {registry.INTERSECTIONS[0]}")
         if self.data is not None:
             from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
 
@@ -156,8 +164,9 @@ class Evaluate(Printing):
     def intersection(self, name: str) -> tuple[dict[str, Any], float | None]:
         """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
         readout = "soft" if self.soft else "greedy"
-        size, world = min(SIDE_BY_SIDE, self.episodes), drivers.intersection_named(self.world)
-        settings = (name, self.world, self.angle, self.allow_code, self.soft, self.shield, size)
+        size, road = min(SIDE_BY_SIDE, self.episodes), (self.world, self.shift, self.front_end)
+        world = drivers.intersection_named(*road)
+        settings = (name, road, self.angle, self.allow_code, self.soft, self.shield, size)
         with drivers.driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
             if not self.processes:
                 batch, seeds = world.batch(size), np.array(self._seeds)
@@ -172,7 +181,8 @@ class Evaluate(Printing):
                     report = display.stage("episodes")
                     episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
             if (dial := drivers.dial_of(name)) is not None:
-                drivers.complain_if_it_stands(name, dial, drivers.observed(world, dial))
+                plain = drivers.intersection_named(self.world)
+                drivers.complain_if_it_stands(name, dial, drivers.observed(plain, dial))
         # With discrete actions the ego follows its lane.
         row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
@@ -255,7 +265,7 @@ class Evaluate(Printing):
 
 def _play_road(
     driver: str,
-    world: str,
+    world: tuple[str, str, str],
     angle: float | None,
     allow_code: bool,
     soft: bool,
@@ -264,7 +274,7 @@ def _play_road(
     seeds: np.ndarray,
 ) -> Episodes:
     """Play episodes of a driver at the intersection; `size` of them run side by side."""
-    road = drivers.intersection_named(world)
+    road = drivers.intersection_named(*world)
     with drivers.driver_of(driver, road, angle, allow_code) as loaded:
         batch = road.batch(size)
         policy = shielded(loaded.policy, batch, shield)

@@ -29,6 +29,7 @@ from socialiq.types import Act, Policy, RewardPair
 from socialiq.worlds.gym import learning_env
 from socialiq.worlds.highway.world import RoadWorld, SceneWorld
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.perception import DECISIONS, EXITS, KNOWN
 from socialiq.worlds.intersection.world import Batch, Intersection
 
 CHUNK = 200  # updates between two rounds of acting
@@ -228,6 +229,38 @@ def dial_labeller(
         return jax.tree.map(lambda *columns: np.concatenate(columns)[:states], *labelled)
 
     return label
+
+
+def shifted(
+    structure: policy_iteration.DialIterationConfig,
+    start: DialPolicy,
+    shifts: Sequence[str],
+    environments: int,
+) -> tuple[DialPolicy, policy_iteration.DialIterationConfig, policy_iteration.Labeller]:
+    """Return first dial, structure and labeller of a run over several worlds of shifts.
+
+    Equal shares of the states are of each world; every episode draws one of its shifts, and drives
+    behind a front end that knows it. The clock tells the exit.
+    """
+    clock, share = observes_time(start, Options()), structure.states_per_update // len(shifts)
+    if not clock or share < 1:
+        raise UserError(
+            f"--shift needs a dial that observes the time, and at most "
+            f"{structure.states_per_update} worlds (--set states_per_update)"
+        )
+    start = start.with_times(DECISIONS * len(EXITS))
+    structure = policy_iteration.with_network_of(structure, start)
+    worlds = [Intersection().shifted(text, f"{KNOWN},exit=own") for text in shifts]
+    of_each = dataclasses.replace(structure, states_per_update=share)
+    beside = max(environments // len(worlds), 1)
+    labellers = [dial_labeller(of_each, world, beside, clock) for world in worlds]
+    structure = dataclasses.replace(structure, states_per_update=share * len(worlds))
+
+    def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
+        labelled = [labeller(follow, visit, rng) for labeller in labellers]
+        return jax.tree.map(lambda *columns: np.concatenate(columns), *labelled)
+
+    return start, structure, label
 
 
 def fleet_labeller(

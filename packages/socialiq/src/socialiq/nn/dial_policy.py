@@ -112,6 +112,23 @@ class DialPolicy(Dial[QPolicy]):
     settings: Settings = ()
     knots: tuple[float, ...] = ()
 
+    def with_times(self, times: int) -> DialPolicy:
+        """Return the dial with a multiple of its values of the time, of which each acts as before.
+
+        So a clock may tell more than the time, as `perception.FrontEnd.exit`.
+
+        Raises:
+            UserError: If it does not observe the time, or this is no multiple.
+        """
+        view: Any = self.turned.view
+        own = getattr(view, "times", 0)
+        if not own or times % own:
+            raise UserError(f"this dial reads {own} values of the time: give one with a clock")
+        first, *weights = self.turned.weights
+        first = np.concatenate([first[:, :own]] * (times // own) + [first[:, own:]], axis=1)
+        turned = replace(self.turned, weights=(first, *weights), view=replace(view, times=times))
+        return replace(self, turned=turned)
+
     @staticmethod
     def of(
         network: DialNetwork,

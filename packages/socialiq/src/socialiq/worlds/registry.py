@@ -49,6 +49,9 @@ INTERSECTIONS = ("intersection", "intersection" + CAUSED, *CONTINUOUS, *WALKED)
 NAMES = (*GRIDWORLDS, *INTERSECTIONS)
 """Every world of `make`."""
 
+SENSED = ("shift", "front_end")
+"""Options of `INTERSECTIONS` beside the fields of theirs: arguments of `Intersection.shifted`."""
+
 GROUP = "socialiq.worlds"
 _OF_RECORDINGS = "socialiq_recordings.world.gym:load_world"
 _FILES = (".safetensors", ".xml", ".csv")
@@ -125,10 +128,11 @@ def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
     """
     one_of("world", name, NAMES)
     effects, options = _effects_of(name, options)
+    seen = {} if name in GRIDWORLDS else {key: options.pop(key, "") for key in SENSED}
     chosen = parse_options(name, _kind(name), _implied(name) | options)
     if name in GRIDWORLDS:
         return _grid(_plain(name), chosen, repr(chosen))
-    return intersection.Intersection(chosen, effects)
+    return intersection.Intersection(chosen, effects).shifted(*seen.values())
 
 
 def _effects_of(
@@ -208,6 +212,7 @@ def default_options(name: str) -> dict[str, Any]:
     implied = _implied(name)
     kinds = (_kind(name), EffectOptions) if name.endswith(CAUSED) else (_kind(name),)
     fields = {field.name: field.default for kind in kinds for field in dataclasses.fields(kind)}
+    fields |= dict.fromkeys(SENSED if name in INTERSECTIONS else (), "")
     return {option: default for option, default in fields.items() if option not in implied}
 
 

@@ -154,7 +154,7 @@ def _collect_part(
     profile = load(request.profile)
     world = scenario = profile.world(request.trust.allow_code)
     if traffic is not None:
-        scenario = other_traffic(profile)[traffic].world
+        scenario = other_traffic(profile, request.shift or ())[traffic].world
     with contextlib.ExitStack() as closing:
         loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
         closing.enter_context(loaded)

@@ -113,7 +113,7 @@ def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited
     commitment = Commitment(record["sha256"], profile.sha256)
     draw = dataclasses.replace(draw, commitment=commitment)
     shift = report["shift"]
-    traffic = () if shift is None else other_traffic(profile)
+    traffic = () if shift is None else other_traffic(profile, named_in(report) or ())
     if shift is not None and len(shift["traffic"]) != len(traffic):
         raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
     evidence = _evidence_of(files, report, profile, draw, traffic)
@@ -138,6 +138,13 @@ def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited
         command=report["command"],
         started=datetime.datetime.now(datetime.UTC),
     )
+
+
+def named_in(report: Mapping[str, Any]) -> tuple[str, ...] | None:
+    """Return the shifts that a report names, none for other traffic; None if it has neither."""
+    rows = report["shift"]["traffic"] if report["shift"] else ()
+    named = (row["options"]["shift"] for row in rows if "shift" in row["options"])
+    return tuple(named) if report["shift"] else None
 
 
 def _evidence_of(

@@ -231,6 +231,11 @@ class ImproveDial(Printing):
     what the other agents get, the sum of their r_env."""
     environments: int = 256
     """Episodes side by side in which states are labelled."""
+    shift: tuple[str, ...] = ()
+    """Worlds of the intersection to train in, by their shifts (`socialiq evaluate --shift`): equal
+    shares of the states are of each, and an episode draws one of several that "or" divides, as
+    "none or late or unseen=.3" right straight. A front end knows them, and the clock tells the
+    exit: drive the dial with --front-end known,exit=own."""
     options: shared.Run = field(default_factory=shared.RunOptions)
 
     def run(self) -> int:
@@ -243,6 +248,8 @@ class ImproveDial(Printing):
             raise UserError(f"--agents {self.agents}: give 1, or 2 to 16 in the plain intersection")
         if self.environments < 1:
             raise UserError(f"--environments {self.environments}: give 1 or more")
+        if self.shift and (self.agents > 1 or self.world != IMPROVING[0]):
+            raise UserError(f"--shift is of one ego in {IMPROVING[0]}: leave out the other")
         walks = self.world in registry.WALKED
         if walks != (self.dial is None) or (walks and self.agents > 1):
             raise UserError(
@@ -258,6 +265,7 @@ class ImproveDial(Printing):
             method = static, runs, [labeller] * len(runs), sizes
             trained = iteration.train(*method, callbacks, road_training.CHUNK, start)
         record = {"start": self.dial and shared.described_file(self.dial), "agents": self.agents}
+        record |= {"shifts": list(self.shift)} if self.shift else {}
         return finish_dials(folder, trained, record, world)
 
     def _method(self, world: Intersection, settings: dict[str, Any]) -> tuple[Any, ...]:
@@ -272,11 +280,16 @@ class ImproveDial(Printing):
         start = DialPolicy.load(self.dial)
         clock = road_training.observes_time(start, world.options)
         static = iteration.with_network_of(structure, start)
+        sizes = road_training.sizes_of(world.options, clock)
+        if self.shift:
+            method = structure, start, self.shift, self.environments
+            start, static, labeller = road_training.shifted(*method)
+            return static, numbers, labeller, sizes, start
         labeller = road_training.dial_labeller(static, world, self.environments, clock)
         if self.agents > 1:
             fleet = registry.make_fleet(agents=self.agents, duration=DURATION)
             labeller = road_training.fleet_labeller(static, fleet, self.environments, clock)
-        return static, numbers, labeller, road_training.sizes_of(world.options, clock), start
+        return static, numbers, labeller, sizes, start
 
 
 @dataclass(frozen=True)

@@ -54,20 +54,21 @@ class State(NamedTuple):
     observation: np.ndarray  # (rows, vehicles seen by all agents, 7)
     waiting: np.ndarray  # whether the episodes have ended and need a reset, (rows,)
     ledger: Ledger | None = None  # of what the ego causes, if that is measured
+    beside: tuple[np.ndarray, ...] = ()  # columns of faults, of the intersection
 
     def arrays(self) -> list[np.ndarray]:
         """Return all columns."""
-        return [*self[:4], *(self.ledger or ())]
+        return [*self[:4], *(self.ledger or ()), *self.beside]
 
-    @staticmethod
-    def of(arrays: Sequence[np.ndarray]) -> State:
-        """Return the state of these columns."""
-        ledger = Ledger(*arrays[4:]) if len(arrays) > 4 else None
-        return State(*arrays[:4], ledger=ledger)
+    def of(self, arrays: Sequence[np.ndarray]) -> State:
+        """Return the state of these columns in the place of its own."""
+        last = 4 + len(self.ledger or ())
+        ledger = Ledger(*arrays[4:last]) if self.ledger is not None else None
+        return State(*arrays[:4], ledger=ledger, beside=tuple(arrays[last:]))
 
     def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
         """Return the state of the chosen episodes; indices may repeat."""
-        return State.of([column[np.asarray(chosen)] for column in self.arrays()])
+        return self.of([column[np.asarray(chosen)] for column in self.arrays()])
 
 
 class RoadBatch(abc.ABC):
@@ -206,7 +207,7 @@ class RoadBatch(abc.ABC):
 
     def seen_by(self, policy: Any) -> Float32[np.ndarray, "*batch feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
-        flat = self.buffers.observation.reshape(len(self.buffers.ending), -1).copy()
+        flat = self.observation.reshape(len(self.buffers.ending), -1)
         vehicles = self.options.vehicle_features
         if getattr(policy, "n_features", None) in (vehicles, vehicles + 1):
             flat = flat[:, :vehicles]  # it does not observe people on foot
@@ -302,7 +303,7 @@ class RoadBatch(abc.ABC):
     def save(self) -> Any:
         """Return a copy of the state of every episode."""
         columns = self._columns
-        return type(columns).of([column.copy() for column in columns.arrays()])
+        return columns.of([column.copy() for column in columns.arrays()])
 
     def restore(self, state: Any) -> None:
         """Restore a state of this size and these options; episodes go on with identical bits."""

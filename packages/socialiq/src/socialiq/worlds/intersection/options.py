@@ -48,6 +48,7 @@ class Population(NamedTuple):
 
 
 _FIXED = float("inf"), 1.5, 7.0, 6.0, 3.0
+_WET = float("inf"), 1.5, 7.0, 3.0, 1.5
 POPULATIONS = {
     "highway_env": Population(*(Normal(value, 0.0, value, value) for value in _FIXED)),
     "thesis": Population(
@@ -57,8 +58,10 @@ POPULATIONS = {
         max_acceleration=Normal(6.0, 1.0, 3.0, 9.0),
         comfort_deceleration=Normal(3.0, 0.5, 1.5, 4.5),
     ),
+    "wet": Population(*(Normal(value, 0.0, value, value) for value in _WET)),
 }
-"""Populations: `highway_env` as in the real environment, `thesis` as described in 5.1.3.
+"""Populations: `highway_env` as in the real environment, `thesis` as described in 5.1.3, `wet`
+with half of highway-env's accelerations.
 
 The thesis prints no distribution. Those of `thesis` are centred on highway-env's values, with
 spreads of the size that calibrations of the model report, and clipped to physical values.

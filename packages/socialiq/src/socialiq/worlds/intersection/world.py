@@ -20,6 +20,8 @@ from socialiq.worlds.intersection import crosswalk, policies
 from socialiq.worlds.intersection import options as scenario
 from socialiq.worlds.intersection.crosswalk import CROSSWALK, CrosswalkOptions
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.perception import FrontEnd
+from socialiq.worlds.shifts import OR, Shift, shifts_of
 from socialiq.worlds.world import Decisions
 
 if TYPE_CHECKING:
@@ -151,6 +153,9 @@ class Intersection(RoadWorld):
     )
     effects: EffectOptions | None = None
     by_class: bool = False  # whether rewards have the parts of r_social by class, with crosswalks
+    # of which every episode draws one; none is the plain world
+    shifts: tuple[Shift, ...] = ()
+    front_end: FrontEnd | None = None  # between what is shown and every policy
 
     drivers: ClassVar[tuple[str, ...]] = policies.NAMES
     references: ClassVar[tuple[str, ...]] = ("go", "wait", "idm")
@@ -178,7 +183,10 @@ class Intersection(RoadWorld):
     @property
     def description(self) -> str:
         """Name of the world and its options."""
-        return super().description + (" by class" if self.by_class else "")
+        shifts = f" {OR.join(map(str, self.shifts))}" if self.shifts else ""
+        front_end = f" {self.front_end}" if self.front_end else ""
+        by_class = " by class" if self.by_class else ""
+        return super().description + by_class + shifts + front_end
 
     @property
     def reward(self) -> dict[str, Any]:
@@ -196,11 +204,36 @@ class Intersection(RoadWorld):
             raise UserError(f"{self.name} has one class of road users: choose one with crosswalks")
         return dataclasses.replace(self, by_class=True)
 
+    def shifted(self, text: str = "", front_end: str = "") -> Intersection:
+        """Return the same world with the shifts of a text, and a front end.
+
+        Each episode draws one of several shifts, as `late or noise=1`.
+
+        Raises:
+            UserError: If a text is invalid, the shifts change the options of the world in several
+                ways, or the actions that a front end predicts are continuous.
+        """
+        shifts = shifts_of(text)
+        changes = [shift.options for shift in shifts]
+        if any(change != changes[0] for change in changes):
+            raise UserError("shifts that are drawn by episode must have one road and one traffic")
+        options = dataclasses.replace(self.options, **changes[0])
+        faulty = shifts if any(shift.has_faults for shift in shifts) else ()
+        front = FrontEnd.of(front_end, shifts, options) if front_end else self.front_end
+        if front and front.latency and options.continuous:
+            raise UserError("a front end predicts discrete actions: leave out its latency")
+        return dataclasses.replace(self, options=options, shifts=faulty, front_end=front)
+
     def batch(  # pyright: ignore[reportIncompatibleMethodOverride]  one argument more
         self, size: int, threads: int = 1, back_end: BackEnd = "core", traced: bool = False
     ) -> Batch:
         """Return episodes side by side; see `Batch`."""
-        return Batch(self.options, size, threads, back_end, traced, self.effects, self.by_class)
+        how = self.options, size, threads, back_end, traced, self.effects, self.by_class
+        if not self.shifts and self.front_end is None:
+            return Batch(*how)
+        from socialiq.worlds.intersection.shifted import ShiftedBatch  # made of `Batch`
+
+        return ShiftedBatch(*how, drawn=self.shifts or (Shift(),), front_end=self.front_end)
 
     def driver(self, name: str, seed: int = 0) -> Policy:
         """Return a rule-based driver of `policies.NAMES`."""
@@ -221,11 +254,14 @@ class Intersection(RoadWorld):
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
         """Return the other populations of drivers, and connected lanes switched the other way."""
-        populations = [name for name in scenario.POPULATIONS if name != self.options.population]
+        populations = {"highway_env", "thesis"} - {self.options.population}
         connected = not self.options.connected_lanes
         sight = "who see across connected lanes" if connected else "who see their own lane only"
         return {
-            **{f"drivers of population {name}": {"population": name} for name in populations},
+            **{
+                f"drivers of population {name}": {"population": name}
+                for name in sorted(populations)
+            },
             f"drivers {sight}": {"connected_lanes": connected},
         }
 
