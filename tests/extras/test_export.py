@@ -16,6 +16,7 @@ import onnx
 import onnxruntime
 import torch
 
+from socialiq.audit.request import SHIPPED_DIAL
 from socialiq.cli.main import main
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.actor import Actor
@@ -27,10 +28,13 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import CHOICES
 from socialiq.policies.export import as_torch_module, state_dict, to_onnx, to_safetensors
+from socialiq.policies.front_end import FrontEndPolicy
 from socialiq.policies.load import load_policy
+from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.perception import FrontEnd
+from socialiq.worlds.intersection.world import Batch, Intersection
 
 DECISIONS = 10_000
 
@@ -254,3 +258,26 @@ def test_exported_weights_are_no_policy_file(tmp_path, capsys):
     assert main(["export", "prosocial", "--format", "torch", "--out", str(out)]) == 0
     assert main(["evaluate", str(out)]) == 2
     assert "not a socialiq file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["latency=1,track=3,noise=1", "latency=2", "noise=3", "track=3"])
+def test_a_front_end_in_the_graph_chooses_and_remembers_as_in_python(text, tmp_path, capsys):
+    """On 10,000 rows of late, noisy episodes with unseen vehicles, from the graph's own memory."""
+    dial, path = packaged_results() / SHIPPED_DIAL, tmp_path / "sensed.onnx"
+    words = ["--angle", "45", "--format", "onnx", "--front-end", text, "--out", str(path)]
+    assert main(["export", str(dial), *words]) == 0
+    session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+    front_end = FrontEnd.of(text)
+    policy = FrontEndPolicy(DialPolicy.load(dial).at(45.0), front_end, 71)
+    batch, rows, started = Intersection().shifted("late,unseen=.3,noise=1").batch(500), 0, None
+    batch.reset(0)
+    state, memory = None, front_end.memory(500, 70)
+    while rows < DECISIONS:
+        sensed = np.column_stack([batch.observation, batch.time])
+        expected, state = policy.predict(sensed, state, started)
+        memory = memory if started is None else np.where(started[:, None], 0, memory)
+        inputs = {"sensed": sensed, "memory": memory.astype(np.float32)}
+        actions, memory = session.run(["actions", "memory_after"], inputs)
+        np.testing.assert_array_equal(actions, expected)
+        np.testing.assert_allclose(memory, state, atol=1e-5)
+        started, rows = batch.step(expected).ending != 0, rows + len(actions)

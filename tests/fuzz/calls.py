@@ -61,7 +61,7 @@ BASES: dict[str, list[str]] = {
         OUT,
     ],
     "stakeholders": ["{ok}/episodes.csv", "--utilities", "{ok}/people.toml", "--out", OUT],
-    "export": [POLICY, "--format", "onnx", "--out", OUT],
+    "export": [POLICY, "--format", "onnx", "--out", OUT, "--front-end", ""],
     "reproduce": ["worlds", "--out", OUT],
     "claims": [],
     "conformance": ["--episodes", "1"],

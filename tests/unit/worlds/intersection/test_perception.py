@@ -38,6 +38,8 @@ def test_texts():
     ):
         with pytest.raises(UserError, match=words):
             FrontEnd.of(text)
+    with pytest.raises(UserError, match="without a world"):
+        FrontEnd.of("known")
     with pytest.raises(UserError, match="destination"):
         FrontEnd.of("exit=own", (), Options(destination="random"))
 

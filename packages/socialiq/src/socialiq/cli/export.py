@@ -1,5 +1,6 @@
 """`export`, `turn` and `ensemble`: policies for other programs, of one angle, or of several."""
 
+import functools
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.perception import FrontEnd
 from socialiq.worlds.situation import ContextPolicy
 
 FORMATS = {
@@ -54,6 +56,9 @@ class Export(Printing):
     """File to write, of hub the folder; must not exist."""
     angle: float | None = None
     """Social angle of a dial, in degrees."""
+    front_end: str = ""
+    """Perception before a policy of the intersection, in the graph of ONNX: latency=1,track=3. The
+    graph then takes what the sensors show and a memory, and returns the next memory."""
     evaluation: Path | None = None
     """JSON output of `socialiq evaluate POLICY --json`, for the card."""
 
@@ -62,6 +67,8 @@ class Export(Printing):
         one_of("format", self.format, (*FORMATS, HUB))
         if self.evaluation and self.format not in ("card", "bom", HUB):
             raise UserError("an evaluation goes into a card: add --format card, bom or hub")
+        if self.front_end and self.format != "onnx":
+            raise UserError("a front end is of --format onnx: leave out --front-end")
         if self.format == HUB:
             return self.folder()
         refuse_existing(self.out, *FORMATS[self.format])
@@ -74,8 +81,9 @@ class Export(Printing):
                 "angle, or give --format card or bom"
             )
         else:
-            write = export.to_onnx if self.format == "onnx" else export.to_safetensors
-            content = write(policy)
+            front_end = FrontEnd.of(self.front_end) if self.front_end else None
+            onnx = functools.partial(export.to_onnx, front_end=front_end)
+            content = (onnx if self.format == "onnx" else export.to_safetensors)(policy)
         write_atomically(self.out, content, replace=False)
         written = {"out": str(self.out), "format": self.format, "bytes": len(content)}
         written |= {"sha256": hashlib.sha256(content).hexdigest()}

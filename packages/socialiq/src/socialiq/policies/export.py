@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
+from socialiq.errors import UserError
 from socialiq.foreign import optional
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, ROW, SECONDS, OneHot, View, row_width
+from socialiq.policies.front_end import MEMORY, NEXT, SENSED, Node, Nodes
+from socialiq.worlds.intersection.perception import FrontEnd
 
 Exported = QPolicy | EnsemblePolicy | ActorPolicy
 """Policies that are exported; of a dial, `at` gives the policy at an angle."""
@@ -32,20 +35,25 @@ _TURNS = {"along": (1, 2, 3, 4, 5, 6), "across": (2, 1, 4, 3, 6, 5)}
 _ACTIVATIONS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}
 
 
-def to_onnx(policy: Exported) -> bytes:
+def to_onnx(policy: Exported, front_end: FrontEnd | None = None) -> bytes:
     """Return a policy as the bytes of an ONNX file.
 
     It takes float32 (batch, features) and has two outputs: `q_values`, float32 (batch, actions),
     and `actions`, int64 (batch,), the best action, of equal ones the first, as `QPolicy.predict`.
     An actor has one output, `actions`, float32 (batch, size): its deterministic action in [-1, 1].
 
+    With a front end the inputs are what the sensors show, `sensed`, and `memory`, zeros where an
+    episode begins; the further output `memory_after` is the memory of the next decision.
+
     Raises:
-        UserError: If the extra `onnx` is not installed.
+        UserError: If the extra `onnx` is not installed, or a front end is of continuous actions.
     """
     onnx = optional("onnx", "onnx", "ONNX files")
     helper, kinds, info = onnx.helper, onnx.TensorProto, onnx.helper.make_tensor_value_info
     graph, temperature = _Graph(onnx), ""
     if isinstance(policy, ActorPolicy):
+        if front_end is not None:
+            raise UserError("a front end is of discrete actions: leave out --front-end")
         graph.actor(policy)
         outputs = [info(ACTIONS, kinds.FLOAT, ["batch", policy.action_size])]
     else:
@@ -58,6 +66,11 @@ def to_onnx(policy: Exported) -> bytes:
         scores = info(SCORES, kinds.FLOAT, ["batch", policy.n_actions])
         outputs = [scores, info(ACTIONS, kinds.INT64, ["batch"])]
     inputs = [info(INPUT, kinds.FLOAT, ["batch", policy.n_features])]
+    if front_end is not None:
+        width = graph.sense(policy.n_features, front_end)
+        names = ((SENSED, policy.n_features), (MEMORY, width), (NEXT, width))
+        *inputs, after = (info(name, kinds.FLOAT, ["batch", size]) for name, size in names)
+        outputs.append(after)
     constants = [
         onnx.numpy_helper.from_array(array, name) for name, array in graph.constants.items()
     ]
@@ -86,11 +99,29 @@ class _Graph:
         self.nodes: list[Any] = []
         self.constants: dict[str, np.ndarray] = {}
 
-    def add(self, operator: str, inputs: list[str], name: str, **attributes: Any) -> str:
-        """Add a node with one output of the same name; return the name."""
-        node = self._onnx.helper.make_node(operator, inputs, [name], name=name, **attributes)
+    def add(
+        self, operator: str, inputs: list[str], name: str, *further: str, **attributes: Any
+    ) -> str:
+        """Add a node with an output of the same name, and maybe further ones; return the name."""
+        outputs = [name, *further]
+        node = self._onnx.helper.make_node(operator, inputs, outputs, name=name, **attributes)
         self.nodes.append(node)
         return name
+
+    def sense(self, n_features: int, front_end: FrontEnd) -> int:
+        """Put a front end before the policy's nodes and behind them; return its memory's length."""
+        if n_features < 2 * ROW or n_features % ROW > 1:
+            raise UserError("a front end is of the intersection: leave out --front-end")
+        sensed, nodes = n_features - n_features % ROW, self.nodes
+        self.nodes = []
+        xp = Nodes(self)
+        seen, memory = front_end.see(Node(self, SENSED), Node(self, MEMORY), sensed, xp=xp)
+        self.add("Identity", [seen.name], INPUT)
+        self.nodes += nodes
+        chosen = Node(self, self.add("Cast", [ACTIONS], "chosen", to=1))
+        after = front_end.decided(memory, xp.shaped(chosen, 1), sensed, xp)
+        self.add("Identity", [after.name], NEXT)
+        return front_end.memory(1, sensed).shape[1]
 
     def constant(self, name: str, array: np.ndarray) -> str:
         """Add a constant unless it exists; return its name."""

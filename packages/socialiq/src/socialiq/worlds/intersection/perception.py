@@ -115,26 +115,29 @@ class FrontEnd:
             raise UserError("front end: rate must be from 1 to 10")
 
     @staticmethod
-    def of(text: str, shifts: Sequence[Shift] = (), options: Options = _USUAL) -> FrontEnd:
+    def of(text: str, shifts: Sequence[Shift] = (), options: Options | None = None) -> FrontEnd:
         """Return the front end of FIELD=VALUE with commas, as `latency=1,track=3`, in a world.
 
         The word `KNOWN` stands for latency, noise and rate as they are there, and for `TRACKED`.
 
         Raises:
-            UserError: If a field or a value is unknown, or its own exit is not fixed.
+            UserError: If a field or a value is unknown, its own exit is not fixed, or a word is of
+                a world and there is none.
         """
         words, front = text.split(","), FrontEnd()
         for word in words:
             if "=" not in word:
                 one_of("front end", word, (KNOWN, "FIELD=VALUE"))
-        if KNOWN in words:
+        if options is None and {KNOWN, "exit=own"} & {*words}:
+            raise UserError("a front end without a world needs values, as latency=1,exit=left")
+        if KNOWN in words and options:
             latency, noise = (
                 max((getattr(shift, name) for shift in shifts), default=0)
                 for name in ("latency", "noise")
             )
             front = FrontEnd(latency, TRACKED, noise, options.policy_frequency)
         front = changed(front, assignments([word for word in words if word != KNOWN]))
-        if front.exit != "own":
+        if front.exit != "own" or options is None:
             return front
         one_of("destination", options.destination, EXITS)
         return replace(front, exit=options.destination)

@@ -103,13 +103,14 @@ class ShiftedBatch(Batch):
             known = self._is_late(rows), None
             if len(self._drawn) > 1:
                 noise = shifts.drawn(self._drawn, "noise", key)
-                known = known[0], np.float32(noise)[:, None]
+                known = known[0], noise[:, None].astype(np.float32)
             seen, self._memory[rows] = front.see(self._shown[rows], memory, features, *known)
             self._shown[rows] = seen
 
     def _is_late(self, rows: Any = slice(None)) -> Float32[np.ndarray, "row 1"] | None:
         """Whether each episode has latency, where that is drawn."""
-        return np.float32(self._late[rows, None] > 0) if len(self._drawn) > 1 else None
+        late = (self._late[rows, None] > 0).astype(np.float32)
+        return late if len(self._drawn) > 1 else None
 
     def like(self, size: int) -> ShiftedBatch:
         """Return a batch of so many episodes of the same scenario, on the core."""
