@@ -47,7 +47,7 @@ BASES: dict[str, list[str]] = {
     "dial": ["crossing5", "--policy", DIAL],
     "turn": [DIAL, "--angle", "30", "--out", OUT],
     "ensemble": [POLICY, POLICY, "--out", OUT],
-    "evaluate": [POLICY, "--world", "crossing5", "--shield", "0", "--shift", "", "--front-end", ""],
+    "evaluate": [POLICY, "--world", "crossing5", "--shield", "0"],
     "effects": ["intersection", "--policy", "go", "--episodes", "2", "--out", OUT],
     "population": [
         "intersection",
@@ -61,7 +61,7 @@ BASES: dict[str, list[str]] = {
         OUT,
     ],
     "stakeholders": ["{ok}/episodes.csv", "--utilities", "{ok}/people.toml", "--out", OUT],
-    "export": [POLICY, "--format", "onnx", "--out", OUT, "--front-end", ""],
+    "export": [POLICY, "--format", "onnx", "--out", OUT],
     "reproduce": ["worlds", "--out", OUT],
     "claims": [],
     "conformance": ["--episodes", "1"],

@@ -29,7 +29,7 @@ def test_parts_are_the_whole(name, soft):
     whole = episodes_of(Batch(Options(), len(seeds)), driver, [*seeds], not soft)
     for processes in (1, 3):
         blocks = parts.blocks_of(seeds, processes)
-        road = (name, "intersection", None, False, soft, 0.0, len(seeds))
+        road = (name, ("intersection", "", ""), None, False, soft, 0.0, len(seeds))
         played = [evaluate._play_road(*road, block) for block in blocks]
         assert as_text(parts.joined(played)) == as_text(whole)
 
