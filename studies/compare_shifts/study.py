@@ -1,0 +1,200 @@
+"""Dials and rules outside the world that they were made for, with and without a front end.
+
+One dial is trained over shifts (`evaluation.road_training.shifted`), the shipped one is not. All
+drive the same episodes of each shift, on seeds that no training has seen.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
+from socialiq.learners import policy_iteration
+from socialiq.learners.settings import check_counts
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.results_folder import as_csv, from_csv
+from socialiq.social.angle import exact_weights, score
+from socialiq.statistics.intervals import normal_mean, wilson
+from socialiq.storage import write_atomically
+from socialiq.types import Ending, Policy, Row
+from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.perception import KNOWN
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.shifts import SHIFTS
+from socialiq_lab.intersection import driving, training
+from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.study import Context, Findings
+from socialiq_lab.tables import groups
+
+RULES = ("go", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "idm")
+CELLS = "cells.csv"
+
+START, TRAINED = "start", "randomised"
+"""Stages: the shipped dial, and dials that are trained over shifts."""
+
+OTHERS = ("late", "unseen-30", "noise-3")
+TRAINING = (
+    *(["none or none or late or unseen-10 or unseen-30 or noise-1 or noise-3"] * 3),
+    *(
+        " or ".join([road, road, *(f"{road},{other}" for other in OTHERS)])
+        for road in ("right", "straight", "straight", "connected", "dense")
+    ),
+)
+"""Worlds of the training, each with an equal share of the states."""
+
+
+STRUCTURE = dataclasses.replace(ITERATION, updates=9_000, first_rounds=3)
+NUMBERS = dataclasses.replace(ITERATION_NUMBERS, learning_rate=7e-4)
+"""Of the training, without the seed; it begins with a trained dial, so its rates are lower."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    Training seed 100 and episodes from 900,000,000 on were used in development.
+    """
+
+    seeds: tuple[int, ...] = (200,)
+    start: str = "intersection-dial-clock/iterated.safetensors"
+    structure: policy_iteration.DialIterationConfig = STRUCTURE
+    numbers: policy_iteration.IterationHyperparameters = NUMBERS
+    training: tuple[str, ...] = TRAINING
+    shifts: tuple[str, ...] = tuple(SHIFTS)
+    angles: tuple[float, ...] = (0.0, 45.0, 75.0, 90.0)  # degrees
+    blocks: tuple[int, ...] = (310_000_000, 320_000_000)  # first seeds of the episodes
+    episodes: int = 500  # of each block
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes."""
+        check_counts(self, ("episodes",))
+
+
+def trainings(config: Config) -> Iterator[Job]:
+    """Yield the jobs of the dials: the shipped one, then one for each training seed."""
+    yield Job(START, driving.copy_shipped, driving.Shipped(config.start))
+    for seed in config.seeds:
+        numbers = dataclasses.replace(config.numbers, seed=seed)
+        checks = training.Checks(times=4, episodes=200)
+        run: Any = training.DialIterationRun(
+            config.structure, numbers, checks, shifts=config.training
+        )
+        cost = config.structure.updates / 10
+        yield Job(f"{TRAINED}/{seed}", training.train_dial_by_iteration, run, (START,), cost)
+
+
+@dataclass(frozen=True)
+class Driving:
+    """Configuration of all episodes of one shift."""
+
+    shift: str
+    angles: tuple[float, ...]
+    seeds: tuple[int, ...]
+
+
+def drive(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write a row for each driver, front end and angle."""
+    rows, driven = list[Row](), list(_drivers(config, inputs))
+    for number, (label, policy, front_end, angles) in enumerate(driven):
+        world = Intersection().shifted(config.shift, front_end)
+        batch = world.batch(min(driving.BATCH, len(config.seeds)))
+        episodes = episodes_of(batch, policy, np.array(config.seeds))
+        rows += [label | {"angle": angle} | measured(episodes, angle) for angle in angles]
+        on_progress((number + 1) / len(driven))
+    write_atomically(folder / CELLS, as_csv([{"shift": config.shift} | row for row in rows]))
+
+
+def _drivers(
+    config: Driving, inputs: Mapping[str, Path]
+) -> Iterator[tuple[Row, Policy, str, tuple[float, ...]]]:
+    """Yield label, policy, front end and the angles at which the episodes count."""
+    for name, folder in inputs.items():
+        dial, (stage, _, seed) = DialPolicy.load(folder / driving.DIAL), name.partition("/")
+        fronts = ("", KNOWN) if stage == START else (f"{KNOWN},exit=own",)
+        for front_end, angle in itertools.product(fronts, config.angles):
+            label = {"driver": "dial" if stage == START else stage, "seed": seed}
+            label |= {"front_end": front_end}
+            yield label, dial.at(angle), front_end, (angle,)
+    for name, front_end in itertools.product(RULES if START in inputs else (), ("", KNOWN)):
+        label = {"driver": name, "seed": "", "front_end": front_end}
+        yield label, policies.policy(name), front_end, config.angles
+
+
+def measured(episodes: Episodes, angle: float) -> Row:
+    """Return J(α) and the shares of endings, with 95 % intervals over episodes."""
+    row = normal_mean("value", score(exact_weights(angle), episodes.totals))
+    for name, ending in (("collision", Ending.COLLISION), ("arrival", Ending.ARRIVAL)):
+        share = wilson(int((episodes.ending == int(ending)).sum()), len(episodes.ending))
+        ends = (name, f"{name}_low", f"{name}_high")
+        row |= dict(zip(ends, share, strict=True))
+    return row
+
+
+def jobs(config: Config) -> list[Job]:
+    """Return the jobs: the dials, then the episodes of each shift; rules drive beside the first."""
+    dials = list(trainings(config))
+    seeds = driving.seeds_of_blocks(config.blocks, config.episodes)
+    return dials + [
+        Job(
+            _driven(dial.name, shift), drive, Driving(shift, config.angles, seeds), (dial.name,), 30
+        )
+        for dial, shift in itertools.product(dials, config.shifts)
+    ]
+
+
+def _driven(dial: str, shift: str) -> str:
+    return f"driving/{dial}/{shift}"
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Return every cell, and for each shift and angle the dials beside the best rule."""
+    cells: list[Row] = []
+    for shift, dial in itertools.product(config.shifts, trainings(config)):
+        cells += from_csv(context.work / _driven(dial.name, shift) / CELLS)
+    compared = [
+        {"shift": shift, "angle": angle} | _compared(rows)
+        for (shift, angle), rows in groups(cells, "shift", "angle").items()
+    ]
+    files = {
+        f"{TRAINED}-{seed}.safetensors": (
+            context.work / TRAINED / str(seed) / driving.DIAL
+        ).read_bytes()
+        for seed in config.seeds[:1]
+    }
+    return Findings({"cells": cells, "compared": compared}, _summary(compared), files)
+
+
+def _compared(cells: list[Row]) -> Row:
+    """Return J and collisions of the dials at one shift and angle, and the best rule of all."""
+    row: Row = {}
+    for (driver, front_end), rows in groups(cells, "driver", "front_end").items():
+        if driver in RULES:
+            continue
+        name = driver if driver == TRAINED or not front_end else f"{driver}_front"
+        row[name] = float(np.mean([cell["value"] for cell in rows]))
+        row[f"{name}_collision"] = float(np.mean([cell["collision"] for cell in rows]))
+    best = max((cell for cell in cells if cell["driver"] in RULES), key=lambda cell: cell["value"])
+    rule = best["driver"] + (" with front end" if best["front_end"] else "")
+    return row | {"rule": best["value"], "rule_collision": best["collision"], "best_rule": rule}
+
+
+def _summary(compared: list[Row]) -> dict[str, Any]:
+    """Return for each driver the largest collisions and loss at 45 degrees, and cells ahead."""
+    summary: dict[str, Any] = {"cells": len(compared)}
+    for name in ("dial", "dial_front", TRAINED):
+        at_45 = [row for row in compared if row["angle"] == 45.0]
+        clean = next((row[name] for row in at_45 if row["shift"] == "none"), None)
+        summary[name] = {
+            "ahead_of_rules": sum(row[name] > row["rule"] for row in compared),
+            "collision_at_45": max((row[f"{name}_collision"] for row in at_45), default=None),
+            "loss_at_45": clean and max(clean - row[name] for row in at_45),
+        }
+    return summary
