@@ -316,6 +316,7 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
     from matplotlib.patches import Polygon
 
     from socialiq.plotting.style import COLORS, figure, finish
+    from socialiq.worlds.pictures import EGO, OTHER
 
     road, traffic = batch.world.road, batch.traffic
     recording = int(traffic.recording[row])
@@ -325,7 +326,7 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
     lines = batch.ways(row)
     axes.add_collection(LineCollection(lines, colors="#d5d5d5", linewidths=1.0))
     ego = int(traffic.ego[row])
-    axes.plot(*lines[ego].T, color=COLORS["egoistic"], linewidth=1.2)
+    axes.plot(*lines[ego].T, color=EGO, linewidth=1.2)
     now = float(traffic.step[row]) / 10
     for slot in range(int(traffic.n_present[row])):
         vehicle = int(traffic.present[row, slot])
@@ -338,8 +339,8 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
                 ends = [x - dx, x + dx], [y - dy, y + dy]
                 axes.plot(*ends, color="black", linewidth=2.0, zorder=4)
     for number, (x, y, heading, _, *size) in batch.places(row):
-        kind = "egoistic" if number < 0 else "prosocial" if number < PERSON else "altruistic"
-        axes.add_patch(Polygon(corners((x, y), heading, *size), color=COLORS[kind], zorder=3))
+        ink = EGO if number < 0 else OTHER if number < PERSON else COLORS["altruistic"]
+        axes.add_patch(Polygon(corners((x, y), heading, *size), color=ink, zorder=3))
     x, y, _ = _place(lines[ego], float(traffic.along[row, ego]))
     axes.set_aspect("equal")
     axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))

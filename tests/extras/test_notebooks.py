@@ -1,0 +1,30 @@
+"""The notebooks run from their first cell to their last, and show tables and figures."""
+
+from pathlib import Path
+
+import pytest
+
+nbclient = pytest.importorskip("nbclient", reason="extra `notebooks` is not installed")
+nbformat = pytest.importorskip("nbformat", reason="extra `notebooks` is not installed")
+FOLDER = Path(__file__).parents[2] / "examples" / "notebooks"
+
+
+@pytest.mark.parametrize("name", ["steer", "audit", "recorded"])
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the client
+def test_a_notebook_runs(name, tmp_path):
+    if name == "recorded":
+        pytest.importorskip("shapely", reason="extra `maps` is not installed")
+    place = tmp_path
+    (place / "examples").symlink_to(FOLDER.parent)
+    notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
+    settings = {"metadata": {"path": str(place)}}
+    nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources=settings
+    ).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    kinds = {kind for output in outputs for kind in output.get("data", ())}
+    assert {"text/html"} <= kinds  # a data frame
+    assert ("image/png" in kinds) == (name != "audit")
+    said = "".join(output.get("text", "") for output in outputs)
+    assert name != "audit" or said.startswith("pass")
+    assert not any("Error" in output.get("name", "") for output in outputs)
