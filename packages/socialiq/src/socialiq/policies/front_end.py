@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +53,16 @@ class FrontEndPolicy:
         return self.n_features - self.n_features % ROW
 
 
+def _arithmetic(operator: str, order: int = 1) -> Callable[[Any, Any], Node]:
+    """Return the method of an operator; with the order -1 of its operand on the left."""
+
+    def method(self: Node, other: Any) -> Node:
+        names = [self.name, name_of(self.graph, other)]
+        return node(self.graph, operator, names[::order])
+
+    return method
+
+
 class Node:
     """Value of a graph; arithmetic with it adds nodes."""
 
@@ -61,28 +71,10 @@ class Node:
     def __init__(self, graph: Any, name: str) -> None:
         self.graph, self.name = graph, name
 
-    def _with(self, operator: str, other: Any, reverse: bool = False) -> Node:
-        names = [self.name, name_of(self.graph, other)]
-        return node(self.graph, operator, names[::-1] if reverse else names)
-
-    def __add__(self, other: Any) -> Node:
-        return self._with("Add", other)
-
-    __radd__ = __add__
-
-    def __mul__(self, other: Any) -> Node:
-        return self._with("Mul", other)
-
-    __rmul__ = __mul__
-
-    def __sub__(self, other: Any) -> Node:
-        return self._with("Sub", other)
-
-    def __rsub__(self, other: Any) -> Node:
-        return self._with("Sub", other, reverse=True)
-
-    def __truediv__(self, other: Any) -> Node:
-        return self._with("Div", other)
+    __add__ = __radd__ = _arithmetic("Add")
+    __mul__ = __rmul__ = _arithmetic("Mul")
+    __sub__, __rsub__ = _arithmetic("Sub"), _arithmetic("Sub", -1)
+    __truediv__ = _arithmetic("Div")
 
 
 def node(graph: Any, operator: str, inputs: Sequence[str], **attributes: Any) -> Node:
