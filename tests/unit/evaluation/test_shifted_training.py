@@ -17,7 +17,7 @@ def test_states_are_of_every_world():
     structure = replace(road_training.ITERATION, states_per_update=3)
     worlds = ("none or late,unseen=.3", "right")
     dial, static, label = road_training.shifted(structure, start, worlds, 8)
-    assert static.times == 60 and static.states_per_update == 2 and dial.turned.view.times == 60
+    assert static.times == 60 and static.states_per_update == 2 and dial.n_features == 71
 
     def go(observation):
         return np.full(len(observation), 2)
