@@ -153,7 +153,7 @@ def measures_of(effects: Effects) -> np.ndarray:
         effects.totals.env,
         effects.delay.sum(axis=1),
         effects.braking,
-        *effects.on_foot.T,
+        *effects.on_foot[:, :3].T,
         collided & (hit == 0),
         effects.ending == int(Ending.ARRIVAL),
     )

@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from tests.page_core import equality
 from tests.page_core.equality import compared, in_node, native
+from tests.page_core.people import driven
 
 from socialiq.cli.main import main
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.page.people import EPISODE
 from socialiq.page.webassembly import build
 from socialiq.page.webassembly.layout import CORE
 from socialiq.storage import packaged_results, read_json
 from socialiq.worlds.intersection.options import FleetOptions, Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.registry import WITH_CYCLISTS, make
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
 
@@ -41,6 +44,23 @@ def test_options_reach_it():
     found = compared(mine, in_node(options, SEEDS[:20], mine.actions))
     assert found.same_endings == 20
     assert found.close_states >= 0.9 * found.observations
+
+
+def test_people_are_the_same_and_the_shown_episode_is_that_of_the_dial():
+    options, shown = make(WITH_CYCLISTS).options, read_json(packaged_results() / EPISODE)
+    mine = native(options, SEEDS, policy("gap_3s"))
+    theirs = in_node(options, SEEDS, mine.actions)
+    found = compared(mine, theirs)
+    assert found.same_endings == len(SEEDS)
+    assert found.equal_observations >= 0.95 * found.observations
+    legs = theirs.arrays["vehicles"]["leg"][:, :, options.first_walker :]
+    assert len(np.unique(legs)) == 4
+    for driver in shown["drivers"]:
+        actions, waited, _ = driven(driver["class_angle"], np.array([shown["seed"]]))
+        assert actions[:, 0].tolist() == driver["actions"]
+        replayed = in_node(options, np.array([shown["seed"]]), actions).arrays["vehicles"]
+        delay = replayed["max_acceleration"][-1, 0, options.first_walker : -options.riders].sum()
+        assert delay == pytest.approx(waited[0])
 
 
 @pytest.mark.parametrize("name", ["gap_3s", "random"])
@@ -74,7 +94,7 @@ def test_a_core_built_again_behaves_as_the_one_that_ships(tmp_path):
 
 def test_the_committed_counts_are_those_of_the_command():
     config = equality.Comparison(packaged_results())
-    for path in sorted((packaged_results() / "page-core").glob("*.json")):
+    for path in (packaged_results() / "page-core" / name for name in ("machine.json", "page.json")):
         found = read_json(path)
         assert (found["episodes"], found["first"]) == (config.episodes, config.first)
         assert found["all"]["episodes"] == config.episodes * len(found["drivers"])

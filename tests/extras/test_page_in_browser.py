@@ -210,7 +210,7 @@ def test_one_of_three_cars_is_as_sold(tab, address):
 def test_nothing_is_wider_than_the_window(tab, address, width):
     tab.set_viewport_size({"width": width, "height": 900})
     go(tab, address, "#step=30")
-    for name in ("story", "drive", "sold", "turn", "grid", "fleet", "about"):
+    for name in ("story", "drive", "sold", "turn", "grid", "fleet", "people", "about"):
         tab.click(f"#tab-{name}")
         assert tab.evaluate("document.documentElement.scrollWidth") <= width, name
 
@@ -229,6 +229,16 @@ def test_the_dial_turns_over_the_exact_front(tab, address):
     tab.reload(wait_until="commit")
     tab.wait_for_selector("html[data-ready]", state="attached")
     assert tab.get_attribute("#grid-dial", "aria-valuenow") == "90"
+
+
+def test_a_link_shows_an_altruist_that_obstructs_people(tab, address):
+    go(tab, address, "#tab=people")
+    first, second = tab.locator("#people-stages .caption").all_inner_texts()
+    waited = [float(text.split()[4]) for text in (first, second)]
+    assert waited[0] > 20 > 5 > waited[1]
+    assert first.endswith("still waiting after 20 s") and "it arrives" in second
+    film = "people.scenes[0].film.frames[100].people"
+    assert tab.evaluate(f"new Set({film}.map(({{ kind }}) => kind)).size") == 2
 
 
 def test_three_fleets_are_counted_as_they_drive(tab, address):

@@ -1,4 +1,4 @@
-"""The default walking speed is that of recorded pedestrians, if the environment names these."""
+"""The default speeds are those of recorded people, if the environment names their files."""
 
 import csv
 import os
@@ -13,8 +13,11 @@ FOLDER = os.environ.get("SOCIALIQ_SIND_DATA", "")
 
 
 @pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_SIND_DATA names no folder")
-def test_the_walking_speed_is_that_of_recorded_pedestrians():
-    """Median over the medians of each pedestrian that walks 8 m or more, of three junctions."""
+def test_the_speeds_are_those_of_recorded_people():
+    """Medians over the medians of each track of 8 m or more, of three junctions.
+
+    All tracks are labelled pedestrians; those above 2.5 m/s ride. There are three.
+    """
     paces = []
     for path in sorted(Path(FOLDER).glob("*Ped_smoothed_tracks.csv")):
         tracks: dict[str, list[list[float]]] = {}
@@ -27,7 +30,10 @@ def test_the_walking_speed_is_that_of_recorded_pedestrians():
             walks = pace > 0.5
             if walks.sum() > 30 and np.hypot(*(track[-1, :2] - track[0, :2])) > 8.0:
                 paces.append(np.median(pace[walks]))
-    low, median, high = np.quantile(paces, [0.16, 0.5, 0.84])
     options = CrosswalkOptions()
+    riding = np.quantile([pace for pace in paces if pace > 2.5], [0.16, 0.5, 0.84])
+    assert riding[1] == pytest.approx(options.cycling_speed, abs=0.05)
+    assert (riding[2] - riding[0]) / 2 == pytest.approx(options.cycling_speed_sd, abs=0.05)
+    low, median, high = np.quantile(paces, [0.16, 0.5, 0.84])
     assert median == pytest.approx(options.walking_speed, abs=0.05)
     assert (high - low) / 2 == pytest.approx(options.walking_speed_sd, abs=0.05)

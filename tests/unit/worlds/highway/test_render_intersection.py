@@ -11,11 +11,12 @@ from socialiq.types import RewardPair
 from socialiq.worlds.highway import render, shapes, sheet
 from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
 from socialiq.worlds.intersection.options import VEHICLE
-from socialiq.worlds.intersection.views import VIEW
+from socialiq.worlds.intersection.views import Crossing
 from socialiq.worlds.pictures import EGO, OTHER, pixels
 
 SIGNALS = {"progress": 0.6, "step": -0.15, "disruption": -0.4}
 EAST, NORTH = 0.0, -np.pi / 2
+VIEW = Crossing()
 
 
 def car(x, y, heading, destination=2, **fields):

@@ -1,5 +1,7 @@
 """People on foot at the intersection: what changes with them, what they cause and observe."""
 
+from types import SimpleNamespace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -10,15 +12,17 @@ from socialiq.evaluation.episodes import episodes_of, on_foot_row
 from socialiq.evaluation.shield import shielded
 from socialiq.worlds import WALKED_IDS
 from socialiq.worlds.highway.options import FEATURES
-from socialiq.worlds.intersection.core.pedestrians import (
+from socialiq.worlds.intersection.core.people import (
+    BESIDE,
     CLASS,
     GONE,
     HALF_WIDTH,
     MIDDLE,
+    START,
     WAITING,
     WALKING,
 )
-from socialiq.worlds.intersection.crosswalk import PERSON, SIGNALS, CrosswalkOptions, people
+from socialiq.worlds.intersection.crosswalk import PERSON, CrosswalkOptions, people
 from socialiq.worlds.registry import make
 
 ROWS, VEHICLES = 60, 70  # episodes; numbers of the vehicles' rows
@@ -89,7 +93,7 @@ def test_nobody_waits_for_an_ego_that_is_far_away():
         batch.buffers.vehicles[name][ego] = value
     for _ in range(8):
         made = batch.step(np.full(ROWS, SLOWER), auto_reset=False)
-        for name in SIGNALS:
+        for name in world.options.signals:
             assert not made.signals[name].any()
 
 
@@ -132,30 +136,33 @@ def test_an_ego_hits_who_walks_before_it_unless_it_brakes():
 
 def test_who_waits_for_the_ego_alone_is_delayed_by_it():
     """A person at the kerb waits as long as the ego is less than the accepted gap away."""
-    world = make("intersection-crosswalk", pedestrian_rate=0.2, spawn_probability=0.0)
-    batch = world.batch(1)
-    batch.reset(3)
-    records, vehicles = people(world.options, batch.buffers), batch.buffers.vehicles
-    slot = batch.buffers.episodes["controlled"][0, 0]
-    vehicles[0, 0] = vehicles[0, slot]
-    batch.buffers.episodes["vehicles"], batch.buffers.episodes["controlled"][0, 0] = 1, 0
-    records["leg"] = GONE
+    batch = alone("intersection-crosswalk", pedestrian_rate=0.2)
+    records, vehicles = people(batch.options, batch.buffers), batch.buffers.vehicles
     ahead = 9.0 * 3.0  # 3 s; the person accepts 4.5 s at first
     vehicles["x"][0, 0], vehicles["y"][0, 0] = 2.0, MIDDLE + HALF_WIDTH + 2.5 + ahead
     vehicles["speed"][0, 0] = vehicles["target_speed"][0, 0] = 9.0
     state = {"leg": WAITING, "origin": 0, "target_lane": 1, "time_headway": 4.5}
-    for name, value in {**state, "x": -5.0, "y": MIDDLE, "jam_distance": 0.0}.items():
+    for name, value in {
+        **state,
+        "along_x": 1.0,
+        "along_y": 0.0,
+        "x": -5.0,
+        "y": MIDDLE,
+        "jam_distance": 0.0,
+    }.items():
         records[name][0, 0] = value
     made = batch.step(np.array([FASTER]), auto_reset=False)
     assert made.signals["pedestrian_delay"][0] == pytest.approx(1.0)
-    options = world.options
+    options = batch.options
     weight = np.sin(np.deg2rad(options.class_angle)) * options.pedestrian_delay_weight
     assert made.rewards.social[0] == pytest.approx(weight)
 
 
-def test_drivers_brake_for_who_walks():
+@pytest.mark.parametrize("walk", [0.4, 0.0])
+def test_drivers_brake_for_who_walks_and_who_rides(walk):
     """Traffic overlaps hardly any person: of 60 episodes with many people, overlaps are counted."""
-    world, over, counted = make("intersection-crosswalk", pedestrian_rate=0.4), 0, 0
+    rates = {"pedestrian_rate": walk, "cyclist_rate": 0.4 - walk}
+    world, over, counted = make("intersection-crosswalk", **rates), 0, 0
     for batch, _ in driven(world, 12, SLOWER, auto_reset=False):
         records, vehicles = people(world.options, batch.buffers), batch.buffers.vehicles
         for row in np.flatnonzero(batch.running):
@@ -170,6 +177,101 @@ def test_drivers_brake_for_who_walks():
             counted += len(walking)
     assert counted > 500
     assert over <= 0.01 * counted
+
+
+def alone(name, **options):
+    """Return a batch of one episode with the ego in slot 0, no other vehicle and no person yet."""
+    batch = make(name, spawn_probability=0.0, **options).batch(1)
+    batch.reset(3)
+    vehicles = batch.buffers.vehicles
+    vehicles[0, 0] = vehicles[0, batch.buffers.episodes["controlled"][0, 0]]
+    batch.buffers.episodes["vehicles"], batch.buffers.episodes["controlled"][0, 0] = 1, 0
+    people(batch.options, batch.buffers)["leg"] = GONE
+    return batch
+
+
+def placed(batch, x, y, speed, rider):
+    """Place the ego before its stop line and the first cyclist on its way, by fields."""
+    ego = {"x": x, "y": y, "speed": speed, "target_speed": speed}
+    for name, value in ego.items():
+        batch.buffers.vehicles[name][0, 0] = value
+    slot = batch.options.first_walker + batch.options.walkers - batch.options.riders
+    for name, value in rider.items():
+        batch.buffers.vehicles[name][0, slot] = value
+    return batch.buffers.vehicles[0, slot : slot + 1]
+
+
+ONCOMING = {"origin": 2, "x": -BESIDE, "along_x": 0.0, "along_y": 1.0, "target_speed": 5.0}
+"""A cyclist from the north, whose way the left turn of an ego from the south crosses."""
+
+
+def test_a_cyclist_rides_along_its_lane_and_is_not_held_by_an_ego_that_is_far_away():
+    batch = alone("intersection-crosswalk-bicycles")
+    state = {"leg": WAITING, "y": -START[1], "speed": 5.0, "time_headway": 4.0}
+    rider = placed(batch, 2.0, 9000.0, 0.0, ONCOMING | state)
+    for decision in range(1, 12):
+        made = batch.step(np.array([SLOWER]), auto_reset=False)
+        assert rider["y"][0] == pytest.approx(-START[1] + 5.0 * decision)
+        assert not any(made.signals[name][0] for name in batch.options.signals)
+    batch.step(np.array([SLOWER]), auto_reset=False)
+    batch.step(np.array([SLOWER]), auto_reset=False)
+    assert (rider["leg"][0], rider["x"][0]) == (GONE, -BESIDE)
+
+
+def test_a_cyclist_waits_at_its_line_for_the_ego_alone_and_loses_time_by_it():
+    batch = alone("intersection-crosswalk-bicycles")
+    state = {"leg": WAITING, "y": -16.0, "speed": 5.0, "time_headway": 4.0, "jam_distance": 0.0}
+    rider = placed(batch, 2.0, 25.0, 9.0, ONCOMING | state)
+    made = batch.step(np.array([FASTER]), auto_reset=False)
+    assert -16.0 < rider["y"][0] <= -11.0
+    assert 0.1 < made.signals["cyclist_delay"][0] < 1.0
+    assert made.signals["cyclist_braking"][0] == pytest.approx(5.0 - rider["speed"][0])
+    weights = {name: getattr(batch.options, f"{name}_weight") for name in batch.options.signals}
+    worth = sum(weight * made.signals[name][0] for name, weight in weights.items())
+    share = np.sin(np.deg2rad(batch.options.class_angle))
+    assert made.rewards.social[0] == pytest.approx(share * worth)
+    for _ in range(4):
+        batch.step(np.array([FASTER]), auto_reset=False)
+    assert (rider["leg"][0], rider["speed"][0] > 0) == (WALKING, True)
+
+
+@pytest.mark.parametrize("hits", [True, False])
+def test_an_ego_that_turns_hits_who_rides_across_its_way_unless_it_waits(hits):
+    batch = alone("intersection-crosswalk-bicycles")
+    state = {"leg": WALKING, "y": -7.0, "speed": 5.0, "crashed": False, "identity": 10_050}
+    placed(batch, 2.0, 16.0, 9.0 if hits else 0.0, ONCOMING | state)
+    near = [batch.step(np.array([FASTER if hits else SLOWER]), auto_reset=False)]
+    if near[0].ending[0] == 0:
+        near.append(batch.step(np.array([FASTER if hits else SLOWER]), auto_reset=False))
+    assert near[-1].signals["cyclist_hit"][0] == hits
+    assert (near[-1].ending[0] == 2) == hits
+    options = batch.options
+    if hits:
+        cost = options.collision_weight + options.cyclist_collision_weight
+        assert near[-1].rewards.env[0] == cost
+
+
+def test_cyclists_have_rows_of_their_own_that_older_policies_do_not_see():
+    world, walked = make("intersection-crosswalk-bicycles"), make("intersection-crosswalk")
+    rows, known = 0, walked.n_features
+    for (batch, made), (plain, _) in zip(driven(world, 1), driven(walked, 1), strict=True):
+        on_foot = people(walked.options, plain.buffers)["desired_speed"]
+        count = on_foot.shape[1]
+        np.testing.assert_array_equal(
+            people(world.options, batch.buffers)["desired_speed"][:, :count], on_foot
+        )
+        riding = made.observation[:, known:].reshape(ROWS, -1, len(FEATURES))
+        assert riding.shape[1] == world.options.observed_cyclists
+        assert set(np.unique(riding[..., 0])) <= {0.0, 3.0}
+        rows += int((riding[..., 0] > 0).sum())
+        for length in (known + 1, VEHICLES + 1, world.n_features):
+            shown = batch.seen_by(SimpleNamespace(n_features=length))
+            assert shown.shape == (ROWS, length)
+            width = min(length, made.observation.shape[1]) // len(FEATURES) * len(FEATURES)
+            np.testing.assert_array_equal(shown[:, :width], made.observation[:, :width])
+    assert rows > 0
+    assert set(world.reward["vulnerable"]) == set(world.options.signals)
+    assert "cyclist_hit" not in walked.reward["vulnerable"]
 
 
 def test_the_nearest_people_follow_the_vehicles_in_an_observation():

@@ -302,7 +302,7 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
 def of_classes(world: Any) -> dict[str, Any]:
     """Return how `load_policy` reads policies for a world with classes of road users."""
     classes = getattr(world, "options", world)
-    narrow, class_angle = getattr(world, "narrow", None), getattr(classes, "class_angle", None)
+    narrow, class_angle = getattr(world, "narrow", ()), getattr(classes, "class_angle", None)
     return {"narrow": narrow, "class_angle": class_angle}
 
 

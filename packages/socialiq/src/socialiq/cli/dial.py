@@ -28,8 +28,8 @@ from socialiq.worlds.highway.scenes import SCENES
 
 _BY_CLASS = (
     "class_angle", "angle", "r_env", "r_vehicle", "r_vulnerable", "vehicles_delayed",
-    "pedestrians_waiting", "delay", "pedestrian_delay", "pedestrian_hit", "collision", "arrival",
-    "regret",
+    "pedestrians_waiting", "delay", "pedestrian_delay", "pedestrian_hit", "cyclist_delay",
+    "cyclist_hit", "collision", "arrival", "regret",
 )  # fmt: skip
 
 
@@ -117,7 +117,8 @@ class Dial(Printing):
             drivers.refuse_misfit(str(self.policy), dial.of_class(0.0), world)
             seeds = np.arange(self.seed, self.seed + self.episodes)
             rows = list(driven(dial, world, float(self.every), seeds))
-            summary |= {"worst_pedestrian_hit": max(row["pedestrian_hit"] for row in rows)}
+            hits = [name for name in ("pedestrian_hit", "cyclist_hit") if name in rows[0]]
+            summary |= {f"worst_{name}": max(row[name] for row in rows) for name in hits}
         else:
             ground = ClassGround(drivers.gridworld_of(self.world, dial))
             rows = list(ground.sweep(dial, float(self.every), self.readout))

@@ -49,8 +49,10 @@ def driver_of(
     settings: dict[str, Any] = {"angle": angle or 0.0, "allow_code": allow_code, "clock": True}
     settings["action_size"] = size.action_size
     loaded = load_policy(name, size.n_features, size.n_actions, **settings, **of_classes(world))
-    if loaded.record.interface.n_features < size.n_features:
-        complain(f"{name} observes the vehicles alone: it does not see people on foot")
+    if (length := loaded.record.interface.n_features) < size.n_features:
+        walks = isinstance(world, Intersection) and length > min(world.narrow) + 1
+        unseen = "cyclists" if walks else "people on foot or on bicycles"
+        complain(f"{name} observes fewer classes than are here: it does not see {unseen}")
     return loaded
 
 
@@ -96,7 +98,8 @@ def observed(world: Any, dial: Dial[Any]) -> np.ndarray:
     observations = (rows if rows.n_features == dial.n_features else rows.with_clock()).observation
     if dial.n_features >= world.n_features:
         return observations
-    people = range(world.narrow, world.n_features)  # whom the dial does not observe
+    known = max(length for length in world.narrow if length <= dial.n_features)
+    people = range(known, world.n_features)  # whom the dial does not observe
     return np.delete(observations, people, axis=1)[:, : dial.n_features]
 
 

@@ -44,8 +44,8 @@ _WALKED = tuple(name for name in WALKED if not name.endswith(CAUSED))
 PRINTED = (
     "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
     "delay_bicycle", "delay_pedestrian", "braking", "gap_below_1_s",
-    "collision", "arrival", "pedestrian_delay", "pedestrian_hit", "not_caused_of_charged",
-    "missed_of_caused", "gained_of_credited",
+    "collision", "arrival", "pedestrian_delay", "pedestrian_hit", "cyclist_delay", "cyclist_hit",
+    "not_caused_of_charged", "missed_of_caused", "gained_of_credited",
 )  # fmt: skip
 
 

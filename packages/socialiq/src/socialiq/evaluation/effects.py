@@ -24,9 +24,11 @@ from socialiq.worlds.enumerate import Table
 from socialiq.worlds.highway.effects import NEXT_ABSENT, RELATIONS, REPEAT, EffectOptions
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch, RoadWorld
-from socialiq.worlds.intersection.crosswalk import SIGNALS as ON_FOOT
+from socialiq.worlds.intersection.crosswalk import SIGNALS
 from socialiq.worlds.world import Actor
 
+PEOPLE = tuple(name for names in SIGNALS.values() for name in names)
+"""Signals of people on foot and on bicycles."""
 QUANTITIES = ("delay", "braking", "gap_below_1_s", "waiting", "pedestrian_hit")
 """Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
 
@@ -71,8 +73,7 @@ class Effects(NamedTuple):
         credited: Vehicles that Eq 4.2 credits as yielded to.
         gained: Of these, vehicles that gain 0.5 m in 5 decisions over an ego that accelerates.
         lost: Of these, vehicles that lose 0.5 m.
-        on_foot: Sums of the signals of people on foot (`intersection.crosswalk.SIGNALS`), 0
-            without such people.
+        on_foot: Sums of the signals of people (`PEOPLE`), 0 without such people.
     """
 
     totals: RewardPair
@@ -223,7 +224,7 @@ def _drive(
     sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
     counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
     ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
-    on_foot = np.zeros((len(seeds), len(ON_FOOT)))
+    on_foot = np.zeros((len(seeds), len(PEOPLE)))
     running, number = np.ones(len(seeds), bool), 0
     while running.any():
         action = np.broadcast_to(actor.decide(batch.observation, running), len(seeds))
@@ -242,8 +243,9 @@ def _drive(
         if tracks.size:
             frames = slice(number * options.frames, (number + 1) * options.frames)
             _follow(batch, running, tracks[:, :, frames])
-        for column, name in enumerate(name for name in ON_FOOT if name in decisions.signals):
-            on_foot[running, column] += decisions.signals[name][running]
+        for column, name in enumerate(PEOPLE):
+            if name in decisions.signals:
+                on_foot[running, column] += decisions.signals[name][running]
         ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
         running &= decisions.ending == int(Ending.NONE)
         number += 1
@@ -400,9 +402,11 @@ def summary(effects: Effects) -> Row:
     row |= _share("gap_below_2_s", effects.gap < 2.0)
     row |= normal_mean("helped", effects.helped) | normal_mean("harmed", effects.harmed)
     row |= shares_of(effects.ending) | _share("at_fault", effects.at_fault)
-    if effects.on_foot.any():
-        row |= normal_mean("pedestrian_delay", effects.on_foot[:, 0])
-        row |= _share("pedestrian_hit", effects.on_foot[:, 2] > 0)
+    sums_of = dict(zip(PEOPLE, effects.on_foot.T, strict=True))
+    for kind, names in SIGNALS.items():
+        if any(sums_of[name].any() for name in names):
+            row |= normal_mean(f"{kind}_delay", sums_of[f"{kind}_delay"])
+            row |= _share(f"{kind}_hit", sums_of[f"{kind}_hit"] > 0)
     sums = {name: int(getattr(effects, name).sum()) for name in _COUNTS}
 
     def ratio(part: str, of: str) -> Row:

@@ -16,7 +16,7 @@ from socialiq.types import Ending, Policy, RewardPair, Row
 from socialiq.worlds.highway.options import SIGNALS, Contact
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.crosswalk import SIGNALS as ON_FOOT
+from socialiq.worlds.intersection.crosswalk import SIGNALS as PEOPLE
 from socialiq.worlds.intersection.options import POSITION_RANGE, SLOWER
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
 from socialiq.worlds.intersection.world import Batch
@@ -289,19 +289,18 @@ def policy_row(policy: str, readout: str, episodes: Episodes, off_road: bool = F
 
 
 def on_foot_row(episodes: Episodes) -> Row:
-    """Return what happened to people on foot, with intervals; nothing where no person walks.
+    """Return what happened to people by class, with intervals; nothing where no person walks.
 
-    They are the seconds that they waited and would not have without the ego, and the share of
+    They are the seconds that they lost and would not have without the ego, and the share of
     episodes in which the ego hit a person.
     """
-    if ON_FOOT[0] not in episodes.signal_names:
-        return {}
-    delay, _, hit = episodes.signals[:, len(SIGNALS) :].T
-    share = wilson(int(hit.sum()), len(hit))
-    row = normal_mean("pedestrian_delay", delay) if len(delay) > 1 else {}
-    return row | dict(
-        zip(("pedestrian_hit", "pedestrian_hit_low", "pedestrian_hit_high"), share, strict=True)
-    )
+    sums, row = dict(zip(episodes.signal_names, episodes.signals.T, strict=True)), Row()
+    for kind in PEOPLE:
+        if (delay := sums.get(f"{kind}_delay")) is not None:
+            hit = int(sums[f"{kind}_hit"].sum())
+            row |= normal_mean(f"{kind}_delay", delay) if len(delay) > 1 else {}
+            row |= _share(f"{kind}_hit", hit, len(delay), 0.95)
+    return row
 
 
 def outcome_row(episodes: Episodes, off_road: bool = False) -> Row:

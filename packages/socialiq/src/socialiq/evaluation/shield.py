@@ -44,7 +44,7 @@ class Shield:
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """Return the policy's actions, or to go slower."""
-        from socialiq.worlds.intersection.core.pedestrians import near
+        from socialiq.worlds.intersection.core.people import near
 
         options = {"state": state, "deterministic": deterministic}
         actions, state = self._policy.predict(observation, episode_start=episode_start, **options)

@@ -18,6 +18,7 @@ from socialiq.page.data import (
     story,
 )
 from socialiq.page.fleets import fleet_data
+from socialiq.page.people import people_data
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, read_json, write_atomically
 from socialiq.worlds.intersection.options import Options
@@ -27,11 +28,12 @@ START = "page"
 """Script that starts the page."""
 
 _IMPORT = re.compile(r'^import \{ ([^}]+) \} from "((?:\.\.?/)(?:[\w./]+/)?(\w+)\.js)";$', re.M)
+_COMMENT = re.compile(r"^ *(?:/\*\*.*?\*/|//[^\n]*)\n", re.M | re.S)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.M)
 
 
 def program(start: str = START, folder: Path = ASSETS) -> str:
-    """Return a program: a script of a folder with every script that it needs, in their order.
+    """Return a program: a script of a folder with every script that it needs, without comments.
 
     Scripts of several folders have different names, here without `.js`.
     """
@@ -43,7 +45,7 @@ def program(start: str = START, folder: Path = ASSETS) -> str:
         source = path.read_text(encoding="utf-8")
         for _, target, _ in _IMPORT.findall(source):
             add(path.parent / target)
-        names = ", ".join(_EXPORT.findall(source))
+        source, names = _COMMENT.sub("", source), ", ".join(_EXPORT.findall(source))
         body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
         text = f"const script_{path.stem} = (() => {{\n{body}return {{ {names} }};\n}})();"
         sources[path.stem] = text
@@ -86,6 +88,7 @@ def page(dial: PageDial | None = None) -> str:
         "crossing": crossing(),
         "fleet": fleet_data(measured=dial is None),
         "story": story(shipped=dial is None),
+        "people": people_data(),
     }
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
     allowed = policy(script, style)

@@ -60,7 +60,7 @@ def load_policy(
     isolation: Isolation | None = None,
     files: Sequence[str] = (),
     clock: bool = False,
-    narrow: int | None = None,
+    narrow: Sequence[int] = (),
     class_angle: float | None = None,
 ) -> Loaded:
     """Load a policy from a file, a command or a Python module, for a world.
@@ -79,7 +79,7 @@ def load_policy(
         files: Further files and folders of a command or module, which its hash covers; an
             isolated one sees no others.
         clock: Whether a file of this package may take the time as a further feature.
-        narrow: Length of an observation that such a file may take instead.
+        narrow: Lengths of observations that such a file may take instead.
         class_angle: Class angle of a dial of two angles, in degrees.
 
     Returns:
@@ -94,7 +94,7 @@ def load_policy(
         return _load_code(spec, world, allow_code, limits or Limits(), isolation, files)
     if files:
         raise UserError(f"{source} is one file: leave --files out, of a process or Python")
-    lengths = dict.fromkeys((n_features, narrow or n_features))
+    lengths = dict.fromkeys((n_features, *narrow))
     fitting = [length + time for length in lengths for time in range(1 + clock)]
     return _load_file(spec, world, fitting, angle, class_angle)
 

@@ -22,7 +22,7 @@ from socialiq.worlds.enumerate import GridBatch
 from socialiq.worlds.highway import render, shapes
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.core.pedestrians import RADIUS, WAITING, WALKING
+from socialiq.worlds.intersection.core.people import LENGTH, RADIUS, WAITING, WALKING
 from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
 from socialiq.worlds.registry import open_world
 from socialiq.worlds.world import World
@@ -183,7 +183,10 @@ def _people(batch: Any) -> Frame:
         return {}
     people = batch.buffers.vehicles[0, batch.options.first_walker :]
     return {
-        int(person["identity"]): _place(person)._replace(length=2 * RADIUS, width=2 * RADIUS)
+        int(person["identity"]): _place(person)._replace(
+            length=2 * RADIUS[person["lane"]] + LENGTH[person["lane"]],
+            width=2 * RADIUS[person["lane"]],
+        )
         for person in people[np.isin(people["leg"], (WAITING, WALKING))]
     }
 

@@ -113,7 +113,8 @@ def _road(
 
 def observations_of(world: RoadWorld, clock: bool) -> spaces.Box:
     """Return the space of an observation of a road, with or without the time."""
-    most = PERSON if isinstance(world.options, CrosswalkOptions) else 1.0
+    walks = world.options if isinstance(world.options, CrosswalkOptions) else None
+    most = PERSON + (walks.riders > 0) if walks else 1.0  # classes are numbered
     low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, most))
     if clock:
         low[-1], high[-1] = 0.0, world.options.decisions

@@ -33,13 +33,13 @@ WORLDS = {
     "intersection": intersection,
 }
 _OVER_ROADS = "intersection" + CROSSWALK
+WITH_CYCLISTS = _OVER_ROADS + "-bicycles"
 WEIGHED = {
     f"{world}-{angle}": {"class_angle": float(angle)}
     for world in ("crosswalk7", _OVER_ROADS)
     for angle in range(0, 91, 15)
-}
-"""Worlds of fixed class weights by name: the class angle in degrees that the name stands for."""
-
+} | {WITH_CYCLISTS: {"cyclist_rate": 0.1}}
+"""Options that names stand for: a fixed class angle in degrees, or cyclists."""
 CROSSWALKS = ("crosswalk7", *(name for name in WEIGHED if name.startswith("crosswalk7")))
 """Gridworlds with pedestrians."""
 WALKED = (_OVER_ROADS, _OVER_ROADS + CAUSED, *(name for name in WEIGHED if name not in CROSSWALKS))

@@ -37,7 +37,7 @@ from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.world import Intersection
 
 ROADS = ("intersection", *SCENES)
-IMPROVING = "intersection", "intersection" + CAUSED, *registry.WALKED[:2]
+IMPROVING = "intersection", "intersection" + CAUSED, *registry.WALKED[:2], registry.WITH_CYCLISTS
 """Worlds on highway-env's roads, with discrete actions."""
 ON_ROADS = "intersection"
 """Preset of these worlds."""
@@ -221,7 +221,7 @@ class ImproveDial(Printing):
     """Folder to make: dials, metrics.csv, run.json."""
     world: str = "intersection"
     """World to improve in: intersection, or intersection-caused, whose r_social is what the ego
-    causes; or intersection-crosswalk, or intersection-crosswalk-caused."""
+    causes; or intersection-crosswalk, its -caused, or its -bicycles, in which some people ride."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     updates: int | None = None

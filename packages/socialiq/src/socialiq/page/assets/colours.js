@@ -1,6 +1,6 @@
 // Colours of the style sheet, for canvases.
 
-const PLAIN = ["ground", "road", "curb", "marking", "other", "edge", "glass", "alarm", "yields", "ghost"];
+const PLAIN = ["ground", "road", "curb", "marking", "other", "edge", "glass", "alarm", "yields", "ghost", "person", "lane"];
 
 /** Return a function that returns the colours of an element's scheme; the same object until they change. */
 export function coloursOf(root = document.documentElement) {

@@ -48,8 +48,8 @@ export class Core {
 
   /** Carry out the commands in `arrays.commands`. */
   run() {
-    const { agents, capacity } = this.layout;
-    const status = this.program.step_rows(...this.pointers, this.rows, this.traced, agents, capacity);
+    const { agents, capacity, observed } = this.layout;
+    const status = this.program.step_rows(...this.pointers, this.rows, this.traced, agents, capacity, observed);
     if (status !== 0) throw new Error(`the core stopped with status ${status}`);
   }
 

@@ -1,5 +1,6 @@
 // Films: an episode with every sub-step of its vehicles, and what each decision was worth.
 
+const COMING = new Set([1, 2]); // states of people who wait and who move (`worlds.intersection.core.people`)
 const NUMBERS = ["x", "y", "heading", "speed", "acceleration"];
 
 /** Drives one episode, decision by decision, and keeps it. */
@@ -13,6 +14,7 @@ export class Recorder {
       agent: core.field(array, "agent"),
       yielding: core.field(array, "yielding"),
       crashed: core.field(array, "crashed"),
+      leg: core.field(array, "leg"), kind: core.field(array, "lane"), waited: core.field(array, "max_acceleration"),
     });
     this.now = fields("vehicles");
     this.traced = fields("trace");
@@ -68,7 +70,22 @@ export class Recorder {
       frame.crashed[slot] = from.crashed(first + slot);
       from.numbers.forEach((read, place) => (frame.numbers[slot * NUMBERS.length + place] = read(first + slot)));
     }
+    const { people } = this.core.layout;
+    if (people) this.keepPeople(frame, from, first, people.slots);
     this.film.frames.push(frame);
+  }
+
+  /** Keep who waits or walks, or rides, and the seconds that all waited for the ego since the start. */
+  keepPeople(frame, from, first, [begin, end]) {
+    frame.people = [];
+    frame.waited = [0, 0];
+    for (let slot = first + begin; slot < first + end; slot += 1) {
+      const kind = from.kind(slot);
+      frame.waited[kind] += from.waited(slot);
+      if (!COMING.has(from.leg(slot))) continue;
+      const [x, y, heading] = from.numbers.map((read) => read(slot));
+      frame.people.push({ identity: from.identity(slot), kind, x, y, heading, crashed: Boolean(from.crashed(slot)) });
+    }
   }
 }
 
@@ -100,7 +117,7 @@ export function sumsOf(film, decisions, signals) {
 /**
  * Return the vehicles at a time in sub-steps, between two of them on the straight line.
  *
- * @returns {{frame: number, vehicles: object[]}} Each with x, y, heading, speed, acceleration, agent (-1: a driver), and flags.
+ * @returns {{frame: number, people: object[], vehicles: object[]}} Each vehicle with x, y, heading, speed, acceleration, agent (-1: a driver), and flags.
  */
 export function sceneAt(film, time) {
   const last = film.frames.length - 1;
@@ -115,7 +132,11 @@ export function sceneAt(film, time) {
     if (later >= 0) towards(one, vehicleOf(next, later), share);
     vehicles.push(one);
   }
-  return { vehicles, frame: at };
+  const people = (frame.people ?? []).map((one) => {
+    const later = share > 0 && next.people.find(({ identity }) => identity === one.identity);
+    return later ? { ...one, x: one.x + share * (later.x - one.x), y: one.y + share * (later.y - one.y) } : one;
+  });
+  return { vehicles, people, frame: at };
 }
 
 function vehicleOf(frame, slot) {

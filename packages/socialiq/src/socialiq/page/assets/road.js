@@ -65,6 +65,7 @@ function markings(context, layout, far, colours) {
     context.setLineDash([]);
     context.lineWidth = 0.5;
     line(context, 0.2, STOP_LINE, half - 0.2, STOP_LINE);
+    if (layout.people) ways(context, layout, far, colours);
     context.restore();
   }
   context.setLineDash([0.9, 1.5]);
@@ -73,6 +74,18 @@ function markings(context, layout, far, colours) {
   for (const lane of layout.lanes) if (!lane.straight) arc(context, lane);
   context.globalAlpha = 1;
   context.setLineDash([]);
+}
+
+/** The crosswalk of an arm, and the bicycle lane on its right if there is one. */
+function ways(context, { lane_width: half, people: { crosswalk: [near, away], bicycles } }, far, colours) {
+  context.fillStyle = colours.marking;
+  for (let x = -half + 0.3; x < half; x += 1) context.fillRect(x, near, 0.5, away - near);
+  if (!bicycles) return;
+  const width = 2 * (bicycles - half);
+  context.globalAlpha = 0.5;
+  context.fillStyle = colours.lane;
+  context.fillRect(half, -far, width, 2 * far);
+  context.globalAlpha = 1;
 }
 
 function line(context, ...[x, y, toX, toY]) {

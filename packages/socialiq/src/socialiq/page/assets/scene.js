@@ -32,8 +32,9 @@ export class Stage {
    * @param {object[]} vehicles Of `film.sceneAt`; egos may have a colour of their own.
    * @param {{letter: string, colour: string, braking: Set<number>, near: boolean}} twin Whose scene it is.
    * @param {{vehicle: object, letter: string, colour: string}[]} ghosts Egos of other twins.
+   * @param {object[]} people Of `film.sceneAt`.
    */
-  draw(vehicles, twin, ghosts) {
+  draw(vehicles, twin, ghosts, people = []) {
     const { context, view, colours } = this;
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.drawImage(this.road, 0, 0);
@@ -45,7 +46,8 @@ export class Stage {
     for (const one of vehicles) if (!one.ego) this.vehicle(one, colours.other);
     for (const { vehicle, letter, colour } of ghosts) this.ghost(vehicle, letter, colour);
     for (const one of vehicles) if (one.ego) this.vehicle(one, one.colour ?? twin.colour, twin.letter);
-    for (const one of vehicles) if (one.crashed) this.crash(one);
+    for (const one of people) this.person(one);
+    for (const one of [...vehicles, ...people]) if (one.crashed) this.crash(one);
   }
 
   /** The circle within which neighbours count, while the ego is in its influence zone. */
@@ -115,6 +117,28 @@ export class Stage {
     });
     if (letter) this.name(one, letter, colours.onEgo);
     if (one.yielding && !one.ego) this.waits(one);
+  }
+
+  /** Who walks is a circle, drawn larger than life; who rides a line with a circle on it. */
+  person(one) {
+    const { colours, layout: { people } } = this;
+    const [size, length] = [2 * people.radius[one.kind], people.length[one.kind]];
+    this.placed(one, (context) => {
+      context.beginPath();
+      context.arc(0, 0, size, 0, 2 * Math.PI);
+      context.fillStyle = colours.person;
+      context.fill();
+      context.lineWidth = 0.2;
+      context.strokeStyle = colours.edge;
+      context.stroke();
+      if (!length) return;
+      context.beginPath();
+      context.moveTo(-length, 0);
+      context.lineTo(length, 0);
+      context.lineWidth = 0.4;
+      context.strokeStyle = colours.person;
+      context.stroke();
+    });
   }
 
   /** Two bars in front of a vehicle that yields. */

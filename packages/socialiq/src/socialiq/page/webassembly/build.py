@@ -24,16 +24,15 @@ from socialiq.worlds.intersection.options import Options, buffers_of
 
 
 def entry_of(options: Options) -> Callable[..., None]:
-    """Return the function to compile: pointers to arrays, with the options' sight and sub-steps."""
+    """Return the function to compile: pointers to arrays, with the options' sub-steps."""
     # Not from the cache of the native one.
     run: Any = numba.njit(step.run.py_func, error_model="numpy")
-    frames, signals_of = options.frames, len(SIGNALS)
-    observed, features = options.observed_vehicles, len(FEATURES)
+    frames, signals_of, features = options.frames, len(SIGNALS), len(FEATURES)
 
     def entry(
         episodes, vehicles, before, after, present, reached, observation, signals, rewards,
         classical, speed, ending, contact, neighbours_collided, braking, trace,
-        commands, entropy, seeded, actions, settings, rows, traced, agents, capacity,
+        commands, entropy, seeded, actions, settings, rows, traced, agents, capacity, observed,
     ):  # fmt: skip
         seen = rows * agents, observed, features
         buffers = Buffers(
@@ -82,7 +81,7 @@ def intermediate() -> str:
     """Return the unoptimised LLVM code of the entry point and all that it calls."""
     arrays = [array.dtype for array in buffers_of(Options(), 1, traced=True)]
     pointers = [types.CPointer(numba.from_dtype(array)) for array in (*arrays, *ARGUMENTS.values())]
-    signature = types.void(*pointers, *4 * [types.int32])  # numbers, as of `layout.ARGUMENTS`
+    signature = types.void(*pointers, *5 * [types.int32])  # numbers, as of `layout.ARGUMENTS`
     plain = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = numba.njit(signature, **plain)(entry_of(Options()))
     (result,) = compiled.overloads.values()

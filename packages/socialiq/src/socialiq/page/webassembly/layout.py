@@ -11,6 +11,8 @@ from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import geometry
 from socialiq.worlds.highway.options import ENV_SIGNALS, EPISODE, SETTINGS, SIGNALS, Contact
 from socialiq.worlds.intersection.core.geometry import LANES
+from socialiq.worlds.intersection.core.people import BESIDE, HALF_WIDTH, LENGTH, MIDDLE, RADIUS
+from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
 from socialiq.worlds.intersection.options import ACTIONS, VEHICLE, Options, buffers_of, settings_of
 
 CORE = Path(__file__).with_name("core.wasm")
@@ -57,11 +59,24 @@ def layout(options: Options) -> dict[str, Any]:
         "decision_seconds": 1 / options.policy_frequency,
         "agents": options.agents,
         "capacity": options.capacity,
+        "observed": options.observed_rows,
+        "people": _people(options) if isinstance(options, CrosswalkOptions) else None,
         "vehicle_length": geometry.VEHICLE_LENGTH,
         "vehicle_width": geometry.VEHICLE_WIDTH,
         "lane_width": geometry.LANE_WIDTH,
         "conflict_distance": options.conflict_distance,
         "lanes": [{name: lane[name].item() for name in _OF_LANE} for lane in LANES],
+    }
+
+
+def _people(options: CrosswalkOptions) -> dict[str, Any]:
+    """Return the slots of people, their sizes by class, and the places where they move, m."""
+    return {
+        "slots": [options.first_walker, options.capacity],
+        "radius": RADIUS.tolist(),
+        "length": LENGTH.tolist(),
+        "crosswalk": [MIDDLE - HALF_WIDTH, MIDDLE + HALF_WIDTH],
+        "bicycles": BESIDE if options.riders else None,
     }
 
 
@@ -78,4 +93,4 @@ ARGUMENTS = {
     "settings": SETTINGS,
 }
 """Name and type of each; there is one record of settings for all. The numbers of rows, of traced
-rows, of agents and of an episode's vehicles follow."""
+rows, of agents, of an episode's records and of observed rows follow."""

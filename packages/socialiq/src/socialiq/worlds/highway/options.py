@@ -59,9 +59,9 @@ class EgoOptions:
         return self.observed_vehicles
 
     @property
-    def vehicle_features(self) -> int:
-        """Numbers of the rows of vehicles."""
-        return self.observed_vehicles * len(FEATURES)
+    def narrow_rows(self) -> tuple[int, ...]:
+        """Rows that a policy may observe alone, which doesn't know the classes behind these."""
+        return (self.observed_vehicles,)
 
     @property
     def max_speed(self) -> float:
@@ -190,6 +190,11 @@ SOCIAL_SIGNALS = ("yielding", "disruption", "neighbour_collision")
 SIGNALS = ENV_SIGNALS + SOCIAL_SIGNALS
 """All signals; a signal's weight is the option of that name."""
 
+RATE, SPEED, SPEED_SD, GAP, GAP_SD, LEAST_GAP, IMPATIENCE, ROWS = range(8)
+"""Columns of the table of people by class: arrivals at each arm per s; speed in m/s and accepted
+gap in s, means and standard deviations; least gap, s; s less of the gap for each second lost by
+waiting; rows of the observation."""
+
 SETTINGS = np.dtype(
     [
         ("dt", np.float64),  # s of a sub-step
@@ -222,16 +227,11 @@ SETTINGS = np.dtype(
         ("each", np.bool_),  # whether agents end one by one, and leave
         ("own_frame", np.bool_),  # whether an agent's view and destination are of its approach
         ("observed_vehicles", np.int64),  # rows of an observation
-        # people on foot: records behind those of vehicles, and the first of these
+        # people: records behind those of vehicles, the first of these, and how many ride, the last
         ("walkers", np.int64),
         ("first_walker", np.int64),
-        ("pedestrian_rate", np.float64),  # arrivals at each arm per s
-        ("walking_speed", np.float64),  # m/s, mean and standard deviation
-        ("walking_speed_sd", np.float64),
-        ("accepted_gap", np.float64),  # s, mean and standard deviation
-        ("accepted_gap_sd", np.float64),
-        ("least_gap", np.float64),  # s
-        ("impatience", np.float64),  # s less of the accepted gap for each second of waiting
+        ("riders", np.int64),
+        ("people", np.float64, (2, 8)),  # who walks and who rides, in the columns above
     ],
     align=True,
 )

@@ -34,6 +34,7 @@ class Scene(NamedTuple):
     rewards: RewardPair  # the rewards of the decision so far
     time: float  # s since the reset
     caption: str  # A title
+    people: np.ndarray = np.zeros(0)  # records of people who wait, walk or ride
 
 
 class Frame(NamedTuple):
@@ -78,8 +79,11 @@ def look(axes: Any, frame: Frame) -> None:
 
 
 def traffic(axes: Any, scene: Scene, view: View) -> None:
-    """Draw the ego's way and all vehicles in sight."""
+    """Draw the ego's way and everybody in sight."""
     view.way(axes, scene)
+    for record in scene.people:
+        pose = shapes.Pose(float(record["x"]), float(record["y"]), float(record["heading"]))
+        shapes.person(axes, pose, bool(record["lane"]))
     (west, east), (south, north), margin = axes.get_xlim(), axes.get_ylim(), VEHICLE_LENGTH / 2
     for slot, record in enumerate(scene.vehicles):
         pose = shapes.Pose(float(record["x"]), float(record["y"]), float(record["heading"]))
@@ -139,7 +143,8 @@ def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
     charged = buffers.after["identity"][row][buffers.braking[row]]
     time = float(episode["time"])
     braking = np.isin(vehicles["identity"], charged) & (time > 0)
-    return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "")
+    people = _people(batch, buffers.vehicles[row])
+    return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "", people)
 
 
 def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
@@ -151,7 +156,17 @@ def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
     for frame, vehicles in enumerate(buffers.trace[row]):
         time = end - (len(buffers.trace[row]) - 1 - frame) / batch.options.simulation_frequency
         braking = buffers.braking[row, :count].copy()
-        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "")
+        people = _people(batch, vehicles)
+        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "", people)
+
+
+_COMING = 1, 2  # states of people who wait and who move, of `intersection.core.people`
+
+
+def _people(batch: RoadBatch, records: np.ndarray) -> np.ndarray:
+    """Return the records of people who are there, of the records of an episode."""
+    people = records[getattr(batch.options, "first_walker", len(records)) :]
+    return people[np.isin(people["leg"], _COMING)] if len(people) else people
 
 
 def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:

@@ -23,7 +23,11 @@ ZONE = "#9ecbf5"
 RED = "#e3001b"
 BURST = "#ffd400"
 FAINT = "#999999"
-COLORS = (GRASS, ASPHALT, PAINT, INK, GLASS, HEADLIGHT, ROUTE, RED, BURST, EGO, OTHER)
+PERSON = "#6b1f8f"
+BICYCLES = "#b9816b"
+COLORS = (
+    GRASS, ASPHALT, PAINT, INK, GLASS, HEADLIGHT, ROUTE, RED, BURST, PERSON, BICYCLES, EGO, OTHER,
+)  # fmt: skip
 
 ZONE_APPROACH = 20.0  # m of the ego's approach that belong to its influence zone
 
@@ -124,6 +128,23 @@ def vehicle(axes: Any, pose: Pose, color: str) -> None:
     for side in (-1, 1):
         lamp = [(ahead, side * right) for ahead, right in _LAMP]
         fill(axes, pose, lamp, facecolor=HEADLIGHT, zorder=7)
+
+
+def person(axes: Any, pose: Pose, rides: bool) -> None:
+    """Draw a person larger than life: a circle, and on a bicycle a bar."""
+    from matplotlib.patches import Circle
+
+    look = {"facecolor": PERSON, "edgecolor": PAINT, "linewidth": 0.6, "zorder": 6}
+    if rides:
+        fill(axes, pose, [(1.1, -0.25), (1.1, 0.25), (-1.1, 0.25), (-1.1, -0.25)], **look)
+    axes.add_artist(Circle((pose.x, pose.y), 0.6, **look))
+
+
+def stripes(axes: Any, arm: Pose, near: float, far: float) -> None:
+    """Draw a crosswalk over an arm of the road, so many metres from its end to its end."""
+    for left in np.arange(0.3 - LANE_WIDTH, LANE_WIDTH, 1.0):
+        corners = [(near, left), (far, left), (far, left + 0.5), (near, left + 0.5)]
+        fill(axes, arm, corners, facecolor=PAINT, zorder=2)
 
 
 def brake_lights(axes: Any, pose: Pose) -> None:

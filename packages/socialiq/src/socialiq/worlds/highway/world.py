@@ -208,9 +208,10 @@ class RoadBatch(abc.ABC):
     def seen_by(self, policy: Any) -> Float32[np.ndarray, "*batch feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
         flat = self.observation.reshape(len(self.buffers.ending), -1)
-        vehicles = self.options.vehicle_features
-        if getattr(policy, "n_features", None) in (vehicles, vehicles + 1):
-            flat = flat[:, :vehicles]  # it does not observe people on foot
+        for rows in self.options.narrow_rows:
+            known = rows * len(FEATURES)
+            if getattr(policy, "n_features", None) in (known, known + 1):
+                flat = flat[:, :known]  # it does not observe other classes
         time = np.repeat(self.time, self.options.agents)
         return observed_with_time(flat, time, policy).reshape(*self.shape, -1)
 
@@ -357,9 +358,9 @@ class RoadWorld(World):
         return self.options.observed_rows * len(FEATURES)
 
     @property
-    def narrow(self) -> int:
-        """Length of an observation of the vehicles alone, which policies may take too."""
-        return self.options.vehicle_features
+    def narrow(self) -> tuple[int, ...]:
+        """Lengths of observations without some classes, which policies may take too."""
+        return tuple(rows * len(FEATURES) for rows in self.options.narrow_rows)
 
     @property
     def description(self) -> str:

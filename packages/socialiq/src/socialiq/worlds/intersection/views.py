@@ -7,9 +7,10 @@ import numpy as np
 
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH
-from socialiq.worlds.highway.render import Frame, Scene, View
+from socialiq.worlds.highway.render import Frame, Scene
 from socialiq.worlds.highway.shapes import Pose
 from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, STRAIGHT
+from socialiq.worlds.intersection.core.people import BESIDE, HALF_WIDTH, MIDDLE
 from socialiq.worlds.intersection.core.traffic import EXIT_DISTANCE
 
 REACH = 50.0
@@ -22,10 +23,16 @@ _NARROW = 0.76  # of the reach, to the west and east in a filmstrip
 
 
 class Crossing:
-    """The crossing as a view; the ego's way and zone are those of its destination."""
+    """The crossing as a view; the ego's way and zone are those of its destination.
+
+    It may have crosswalks and bicycle lanes.
+    """
 
     marks: tuple[str, ...] = ("gives way",)
     corner: tuple[float, float] | None = (18.0, -39.0)
+
+    def __init__(self, walks: bool = False, rides: bool = False) -> None:
+        self._walks, self._rides = walks, rides
 
     def ground(self, axes: Any) -> None:
         """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks."""
@@ -41,10 +48,17 @@ class Crossing:
         quarter = list(zip(x, y, strict=True))
         corners = [Pose(0.0, 0.0, math.pi / 2 * corner) for corner in range(4)]
         kerb = np.concatenate([corner.to_world(quarter)[::-1] for corner in corners])
-        look = {"facecolor": shapes.ASPHALT, "edgecolor": shapes.PAINT, "linewidth": 1.2}
-        axes.add_artist(Polygon(kerb, joinstyle="round", **look))
+        asphalt = {"facecolor": shapes.ASPHALT, "edgecolor": shapes.PAINT, "linewidth": 1.2}
+        axes.add_artist(Polygon(kerb, joinstyle="round", **asphalt))
         arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
         centre = [arm.to_world([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
+        for arm in arms:
+            if self._walks:
+                shapes.stripes(axes, arm, MIDDLE - HALF_WIDTH, MIDDLE + HALF_WIDTH)
+            if self._rides:
+                lane = arm.to_world([(-reach, BESIDE), (reach, BESIDE)])
+                look = {"facecolor": shapes.BICYCLES, "alpha": 0.5, "zorder": 1.2}
+                shapes.band(axes, lane, 2 * (BESIDE - LANE_WIDTH), **look)
         dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
         stop = [arm.to_world([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
         # Triangles before the stop line point at the drivers who must give way.
@@ -71,6 +85,3 @@ class Crossing:
         shapes.band(axes, np.concatenate([shapes.way(approach, start), shapes.way(across)]))
         line = shapes.way(approach), shapes.way(across), shapes.way(leave, end=EXIT_DISTANCE)
         shapes.route(axes, np.concatenate(line), float(ego["x"]), float(ego["y"]))
-
-
-VIEW: View = Crossing()

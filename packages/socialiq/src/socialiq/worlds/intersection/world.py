@@ -106,7 +106,7 @@ class Batch(RoadBatch):
     @property
     def signal_names(self) -> tuple[str, ...]:
         """Names of the signals that define the rewards, without effects."""
-        return (*SIGNALS, *crosswalk.SIGNALS) if self.walks else SIGNALS
+        return (*SIGNALS, *self.walks.signals) if self.walks else SIGNALS
 
     def _decisions(self) -> Decisions:
         decisions = super()._decisions()
@@ -176,9 +176,10 @@ class Intersection(RoadWorld):
     @property
     def view(self) -> View:
         """The crossing as pictures show it."""
-        from socialiq.worlds.intersection.views import VIEW  # imports Numba
+        from socialiq.worlds.intersection.views import Crossing  # imports Numba
 
-        return VIEW
+        walks = isinstance(self.options, CrosswalkOptions) and self.options
+        return Crossing(bool(walks), bool(walks and walks.riders))
 
     @property
     def description(self) -> str:

@@ -127,6 +127,8 @@ def _decide_of(kernels: RoadKernels) -> Callable[..., Any]:
             sub_step(episode, vehicles, road, settings)
             if len(buffers.trace):
                 _copy(vehicles, records(episode.vehicles, vehicles), buffers.trace[row, frame])
+                for slot in range(settings.first_walker, settings.first_walker + settings.walkers):
+                    buffers.trace[row, frame, slot] = vehicles[slot]
         _copy(vehicles, records(episode.vehicles, vehicles), buffers.after[row])
         buffers.present[row, 0] = episode.vehicles
         for number in range(settings.agents):

@@ -16,7 +16,7 @@ from socialiq.worlds.highway.core.geometry import (
 from socialiq.worlds.highway.core.step import RoadKernels, carry_out_of
 from socialiq.worlds.highway.core.vehicle import advance, collide, speed_index
 from socialiq.worlds.highway.network import EXIT
-from socialiq.worlds.intersection.core import pedestrians, traffic
+from socialiq.worlds.intersection.core import people, traffic
 from socialiq.worlds.intersection.core.geometry import LANES, closest_lane
 from socialiq.worlds.intersection.options import SIGHT, SPEED_LIMIT
 
@@ -114,7 +114,7 @@ def _sub_step(episode, vehicles, _road, settings):
         if vehicles[slot].agent < 0:
             traffic.drive(vehicles, count, slot, settings)
             if settings.walkers:
-                pedestrians.brake(vehicles, slot, settings)
+                people.brake(vehicles, slot, settings)
         elif not settings.continuous:  # else the record holds the command
             traffic.control(vehicles[slot])
     episode.sub_steps += 1
@@ -126,7 +126,7 @@ def _sub_step(episode, vehicles, _road, settings):
         car.lane = closest_lane(car.x, car.y, car.heading, car.lane, settings.tie)
     collide(episode, vehicles, count, settings.agents, settings.dt, settings.tie)
     if settings.walkers:
-        pedestrians.walk(episode, vehicles, settings)
+        people.walk(episode, vehicles, settings)
 
 
 @kernel
@@ -137,7 +137,7 @@ def _reset(episode, vehicles, road, settings):
     and the agents, around which space is cleared.
     """
     episode.time, episode.sub_steps, episode.vehicles, episode.next_identity = 0.0, 0, 0, 0
-    pedestrians.clear(vehicles, settings)
+    people.clear(vehicles, settings)
     tries = settings.initial_vehicle_count - 1
     for number in range(tries):
         along = number * (80.0 / tries)
@@ -148,7 +148,7 @@ def _reset(episode, vehicles, road, settings):
     for number in range(settings.agents):
         _enter_agent(episode, vehicles, number, settings)
     if settings.walkers:
-        pedestrians.schedule(episode, vehicles, settings)
+        people.schedule(episode, vehicles, settings)
 
 
 @kernel
@@ -256,7 +256,7 @@ def _relation(vehicle, _slot, ego, _road):
 
 _TABLES = _lane, traffic.route_coordinate, _same_origin, traffic.arrived, _sight, _turns
 _CHANGES = traffic.choose, _sub_step, _renew, _reset
-_REST = _records, _leaves, _release, _remove, _relation, pedestrians.observe
+_REST = _records, _leaves, _release, _remove, _relation, people.observe
 _KERNELS = RoadKernels(*_TABLES, *_CHANGES, *_REST)
 _carry_out = carry_out_of(_KERNELS)
 _effects = effects_of(_KERNELS)
