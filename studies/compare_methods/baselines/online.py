@@ -110,7 +110,6 @@ class TREX(IQLearn):
     episodes: Any = None
     StaticConfig: ClassVar[type] = TREXConfig
     name: ClassVar[str] = "trex"
-    Hyperparameters: ClassVar[type] = config.IQLearnHyperparameters
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "TREX":

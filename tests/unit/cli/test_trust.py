@@ -1,6 +1,7 @@
 """`collect --malicious`, `data trust`, and what `train` does with forged labels."""
 
 import csv
+import dataclasses
 import json
 
 import pytest
@@ -33,6 +34,16 @@ def test_train_drops_forged_episodes_unless_labels_are_believed(forged, tmp_path
         for name in ("checked", "believed")
     ]
     assert rows[0] < rows[1]
+
+
+def test_train_names_the_remedy_where_the_file_names_no_world(forged, tmp_path, capsys):
+    path = tmp_path / "nameless.safetensors"
+    files.save(path, dataclasses.replace(files.load(forged), source={}))
+    assert main(["train", "cql", str(path), *TINY, "--out", str(tmp_path / "run")]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if "recomputed" in line]
+    reason = f"the labels of {path} can't be recomputed: it names no world of ours"
+    remedy = f"`socialiq data trust {path}` tests whether they are consistent"
+    assert len(lines) == 1 and lines[0].endswith(f"{reason}; {remedy}")
 
 
 def test_trust_writes_a_row_an_episode_a_picture_and_what_is_left(forged, tmp_path, capsys):

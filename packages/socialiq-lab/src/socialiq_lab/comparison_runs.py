@@ -21,7 +21,7 @@ from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Collector, Source
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
-from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.types import Act, Row
 from socialiq_lab.comparison import Method, Setting, nearest_mode, of_modes
@@ -232,9 +232,8 @@ def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
             derived = dataclasses.replace(learner.of(static, arena.datasets), simulator=world)
             return derived.train(numbers, *options)
 
-        kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
-        if learner is not None:
-            kinds = learner.StaticConfig, learner.Hyperparameters
+        kind = learner or IQLearn
+        kinds = kind.StaticConfig, kind.Hyperparameters
         return in_programs([arena.settings(*kinds, run, **fixed) for run in runs], program)
 
     return train

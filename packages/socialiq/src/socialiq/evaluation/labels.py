@@ -29,7 +29,6 @@ from socialiq.worlds.world import World
 
 TOLERANCE = 1e-4
 """Largest difference of a label from its world's; environments may record in float32."""
-NO_WORLD = "it names no world of ours"
 BLOCK = 512  # episodes that are driven again side by side
 MOST_SEEDS = 1_000_000  # of one source
 _KEEPS_ROWS = (*MIXTURES, "concatenate", "subsample", "one_of_each_block")
@@ -52,7 +51,7 @@ def recompute(data: Demonstrations) -> Recomputed:
     worlds = {world.description: world for world in map(_world_of, sources) if world}
     unchecked = np.ones(data.n_episodes, bool)
     if not all(map(_world_of, sources)):
-        return Recomputed(unchecked, "", NO_WORLD)
+        return Recomputed(unchecked, "", "it names no world of ours")
     if len(worlds) > 1:
         return Recomputed(unchecked, "", "it is of several worlds")
     (world,) = worlds.values()
@@ -69,17 +68,15 @@ def recompute(data: Demonstrations) -> Recomputed:
 def trusted(data: Demonstrations, name: str) -> tuple[Demonstrations, str]:
     """Return the episodes whose labels are their world's, and a line about the others.
 
-    There is no line if all are, or if the table names no world of ours, as imported data do.
+    There is no line if all are.
 
     Raises:
         UserError: If more than half of the episodes disagree: the labels are not of that world.
     """
     agrees, world, reason = recompute(data)
-    if reason == NO_WORLD:
-        return data, ""
     if not world:
         line = f"the labels of {name} can't be recomputed: {reason}"
-        return data, f"{line}; `socialiq data trust` tests whether they are consistent"
+        return data, f"{line}; `socialiq data trust {name}` tests whether they are consistent"
     dropped = np.flatnonzero(~agrees)
     if not len(dropped):
         return data, ""

@@ -237,14 +237,14 @@ def shifted_chi2(
     target: Column,
     strength: Scalar | float,
     chi2_alpha: Scalar | float,
-    trimmed: float = 0.0,
+    prior: Callable[..., Scalar] = social_prior,
 ) -> Scalar:
     """E[(r̂ - λ R(α))²] / (4 α_χ): term 3 itself centred on the social score.
 
     One quadratic instead of Eq 4.5's two, whose sum is itself such a quadratic: with
     c = 1/(4 α_χ), c r̂² + w (r̂ - λR)² = (c + w) (r̂ - λR w/(c + w))² + constant.
     """
-    return social_prior(reward, target, strength, trimmed) / (4.0 * chi2_alpha)
+    return prior(reward, target, strength) / (4.0 * chi2_alpha)
 
 
 def demonstration_weights(

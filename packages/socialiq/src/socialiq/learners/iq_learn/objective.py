@@ -123,15 +123,15 @@ def terms_of(
         of_value = slice(None) if static.value_term == "value" else expert
         values = (value[of_value], follows[of_value])
         terms["value"] = losses.value_term(*values, hyperparameters.discount)
+    prior = functions.prior or partial(losses.social_prior, trimmed=static.trimmed)
     if static.prior == "shifted_chi2":
         alpha = hyperparameters.chi2_alpha
-        gap = losses.shifted_chi2(reward[rows], target[rows], strength, alpha, static.trimmed)
+        gap = losses.shifted_chi2(reward[rows], target[rows], strength, alpha, prior)
         return terms | {"prior": hyperparameters.prior_weight * gap}
     if static.divergence == "chi2" and functions.divergence is None:
         bounded = shifted if static.shift_term_3 else reward
         terms["chi2"] = losses.chi2_term(bounded[rows], hyperparameters.chi2_alpha)
     if static.prior == "reward":
-        prior = functions.prior or partial(losses.social_prior, trimmed=static.trimmed)
         gap = prior(reward[expert], target[expert], strength)
         terms["prior"] = hyperparameters.prior_weight * gap
     return terms

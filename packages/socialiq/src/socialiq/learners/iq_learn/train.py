@@ -62,6 +62,8 @@ class IQLearn(Learner):
     simulator: Simulator | None = eqx.field(static=True, default=None)
     own: UserFunctions = eqx.field(static=True, default=OURS)
 
+    StaticConfig: ClassVar[type] = IQLearnConfig
+    Hyperparameters: ClassVar[type] = IQLearnHyperparameters
     name: ClassVar[str] = "iq_learn"
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:

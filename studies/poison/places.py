@@ -1,0 +1,199 @@
+"""Worlds of the study: contaminated data sets, inputs of learners, evaluation and default audits.
+
+In the 7x7 world policies are evaluated exactly, at the intersection by the episodes of the audit.
+"""
+
+import contextlib
+import dataclasses
+import datetime
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from socialiq import Demonstrations, Margin, declare, make, tabulate
+from socialiq.audit.evidence.collect import drive_references
+from socialiq.audit.evidence.drive import Course
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes, Reference
+from socialiq.audit.profile.template import USUAL, floor_at, possible_loss
+from socialiq.audit.request import Trust, dial_angles, resolve_references
+from socialiq.audit.verdict.verdict import decide
+from socialiq.demonstrations.mixture import equal_trajectories
+from socialiq.demonstrations.trust import consistency
+from socialiq.evaluation import exact, malice
+from socialiq.evaluation.labels import trusted
+from socialiq.evaluation.malice import Malice
+from socialiq.evaluation.road_training import source_of
+from socialiq.evaluation.rollout import MODES, record, trajectory_datasets
+from socialiq.learners.iq_learn import config as iq
+from socialiq.types import Ending, Row
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.registry import make_grid
+from socialiq_lab.comparison import Setting
+from socialiq_lab.comparison_runs import Arena
+
+GRID, ROAD = "crossing7", "intersection"
+OPTIONS = {"braking": "one_level"}
+"""Of the 7x7 world: in the default one nothing can collide."""
+ATTACKERS = {"hater": "hater", "rammer": "rammer", "adaptive": "hater"}
+"""Attackers by name and what they do; the adaptive one forges within limits of `data trust`."""
+DAY = datetime.date(2026, 11, 27)
+RESAMPLES = 2000
+BATCH, ENVIRONMENTS = 512, 12
+"""Episodes side by side, and intersections in which a learner acts."""
+UNKNOWN = {"kind": "python", "source": "", "sha256": ""}
+"""Record of a policy that is none of an audit's references."""
+
+
+class Poison(NamedTuple):
+    """Contamination of a data set; `case` is of the labels that a learner gets."""
+
+    attacker: str
+    case: str
+    share: float
+    seed: int
+
+    def training(self, reads_labels: bool) -> "Poison":
+        """Return the contamination whose training serves for this one."""
+        if self.share == 0.0 or self.case == "recomputed":
+            return self._replace(attacker="hater", case="recomputed" if self.share else "honest")
+        if reads_labels and self.case == "forged":
+            return self
+        return self._replace(attacker=ATTACKERS[self.attacker], case="honest")
+
+
+def contaminated(
+    honest: Demonstrations, poison: Poison, attacked: Callable[[Malice, int], Demonstrations]
+) -> Demonstrations:
+    """Put a share of an attacker's episodes in the place of honest ones, with a case's labels."""
+    count = round(poison.share * honest.n_episodes)
+    if not count:
+        return honest
+    bad = attacked(malice.ATTACKERS[ATTACKERS[poison.attacker]], count)
+    if poison.case != "honest":
+        check = consistency(bad, honest) if poison.attacker == "adaptive" else None
+        bad = malice.forged(bad, check)
+    mixed = malice.poisoned(honest, bad, poison.seed)
+    return trusted(mixed, "")[0] if poison.case == "recomputed" else mixed
+
+
+class Grid:
+    """The 7x7 world: its data, its exact evaluation, and its default audits."""
+
+    settings: ClassVar[Mapping[str, Setting]] = {}
+
+    def __init__(self, config: Any) -> None:
+        self.config, self.table = config, tabulate(make_grid(GRID, **OPTIONS))
+        part = self.table.reachable_part()
+        self.ground = exact.Ground(self.table, part, exact.Optimum(part))
+        seeds = np.random.default_rng(config.seeds[0]).integers(2**62, size=config.audit_episodes)
+        self.course = Course(self.table.world, seeds)
+        self.references: dict[float, tuple[Outcomes, ...]] = {}
+        self.decided: dict[tuple[float, bytes], str] = {}
+
+    def data(self, poison: Poison) -> Demonstrations:
+        """Return the data set of a contamination."""
+        honest = trajectory_datasets(self.table, [poison.seed], self.config.each)[0]
+
+        def attacked(attacker: Malice, count: int) -> Demonstrations:
+            return malice.attacked_table(self.table, attacker, count, 7000 + poison.seed)
+
+        return contaminated(honest, poison, attacked)
+
+    def arena(self, datasets: Sequence[Demonstrations], on_report: Any) -> Arena:
+        """Return the inputs of the learners."""
+        rates = {"learning_rate": self.config.learning_rate, "polyak": self.config.polyak}
+        numbers, updates = dataclasses.replace(iq.TABLE_C1_NUMBERS, **rates), self.config.updates
+        given = iq.TABLE_C1, numbers, updates, datasets, self.table.world
+        return Arena(*given, on_report=on_report, chunk=500)
+
+    def measured(self, policy: Any, angle: float) -> Row:
+        """Evaluate a greedy policy exactly, and audit it at an angle; equal ones once."""
+        part = self.ground.part
+        actions = exact.action_table(policy, part, "greedy")
+        metrics = exact.evaluate_exactly(part, actions)
+        row = {"regret": self.ground.optimum.regret(metrics, angle)}
+        row |= {"collision": metrics.collision, "arrival": metrics.arrival}
+        key = angle, actions.tobytes()
+        if key not in self.decided:
+            verdict, _ = audited(angle, self.course, self.references, policy)
+            self.decided[key] = verdict.decision.value
+        return row | {"verdict": self.decided[key]}
+
+
+class Road:
+    """The intersection: the experts' and the planner's episodes, and default audits."""
+
+    settings: ClassVar[Mapping[str, Setting]] = {
+        "thesis": (("strength", iq.INTERSECTION_STRENGTH),),
+        "clone_weighted": (("reweight_temperature", 0.3),),
+    }
+
+    def __init__(self, config: Any) -> None:
+        self.config, self.world = config, make(ROAD)
+        seeds = np.random.default_rng(config.seeds[0]).integers(2**62, size=config.road_episodes)
+        self.course = Course(self.world, seeds)
+        self.references: dict[float, tuple[Outcomes, ...]] = {}
+
+    def data(self, poison: Poison) -> Demonstrations:
+        """Return the data set of a contamination; each seed has episodes of its own."""
+        each, first = self.config.road_each, 1_000_000 * poison.seed
+        pools = {}
+        for number, mode in enumerate(MODES):
+            seeds, policy = first + number * each + np.arange(each), atlas.load(f"expert_{mode}")
+            batch = self.world.batch(BATCH)
+            pools[mode] = record(batch, policy, seeds, mode, {"world": ROAD}).transitions
+        honest = equal_trajectories(pools, each, poison.seed)
+
+        def attacked(attacker: Malice, count: int) -> Demonstrations:
+            seeds = first + 500_000 + np.arange(count)
+            return malice.attacked_road(self.world, attacker, seeds, ROAD)
+
+        return contaminated(honest, poison, attacked)
+
+    def arena(self, datasets: Sequence[Demonstrations], on_report: Any) -> Arena:
+        """Return the inputs of the learners."""
+        static, updates = iq.INTERSECTION_CALIBRATED, self.config.road_updates
+        steps = updates * static.env_steps_per_update
+        shape = {"view": "set", "hidden": (64, 64), "batch_size": 64, "replay_capacity": steps}
+        numbers = dataclasses.replace(iq.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3)
+        return Arena(
+            dataclasses.replace(static, **shape),
+            numbers,
+            updates,
+            datasets,
+            None,
+            lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // Arena.chunk)),
+            on_report,
+        )
+
+    def measured(self, policy: Any, angle: float) -> Row:
+        """Drive the episodes of a greedy policy's default audit, and decide it at an angle."""
+        verdict, outcomes = audited(angle, self.course, self.references, policy)
+        row: Row = {"regret": verdict.regret.regret}
+        row["collision"] = float(np.mean(outcomes.ending == Ending.COLLISION))
+        row["arrival"] = float(np.mean(outcomes.ending == Ending.ARRIVAL))
+        return row | {"verdict": verdict.decision.value}
+
+
+def audited(
+    angle: float, course: Course, references: dict[float, tuple[Outcomes, ...]], policy: Any
+) -> Any:
+    """Return the verdict of a policy's default declaration, and its episodes.
+
+    An angle's references are driven once.
+    """
+    outcomes, world = course.drive(Reference("policy", policy)), course.world
+    usual, options = USUAL[world.name], OPTIONS if world.is_exact else {}
+    if angle not in references:
+        with contextlib.ExitStack() as closing:
+            angles = dial_angles(angle, usual.width)
+            named = resolve_references(world, (), UNKNOWN, Trust(), closing, angles)
+            references[angle] = drive_references(course, named.drivers)
+    loss = possible_loss(world, angle) if world.is_exact else None
+    margin = Margin(usual.margin, None, loss, usual.width, usual.beyond)
+    how: dict[str, Any] = {"competence": floor_at(angle), "clip": usual.clip}
+    profile = declare(angle, "a study", world.name, margin, DAY, options, **how)
+    evidence = Evidence(world.description, course.seeds, outcomes, references[angle], {}, ())
+    return decide(profile, evidence, 0, RESAMPLES, profile.error), outcomes
