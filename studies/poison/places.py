@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import datetime
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES, record, trajectory_datasets
 from socialiq.learners.iq_learn import config as iq
 from socialiq.types import Ending, Row
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
@@ -131,7 +132,7 @@ class Road:
     }
 
     def __init__(self, config: Any) -> None:
-        self.config, self.world = config, make(ROAD)
+        self.config, self.world = config, cast(RoadWorld, make(ROAD))
         seeds = np.random.default_rng(config.seeds[0]).integers(2**62, size=config.road_episodes)
         self.course = Course(self.world, seeds)
         self.references: dict[float, tuple[Outcomes, ...]] = {}

@@ -196,7 +196,7 @@ class ExpertiseEstimating(BehaviourCloning):
         embedding = QNetwork.initialise(jax.random.fold_in(key, 1), *shape)
         return Experts(super().network(key), embedding, jnp.zeros((self.most, EMBEDDED)))
 
-    def draw(self, hyperparameters: Any, _state: Any, carry: Any) -> tuple[Any, Any]:
+    def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
         """Return rows of the run's set with their demonstrators, and the next carry."""
         table: Any = self.table
         key, for_rows = jax.random.split(carry.key)

@@ -68,20 +68,25 @@ def poisons(config: Any, world: str) -> list[Poison]:
     attackers, shares = tuple(ATTACKERS), config.shares
     if world == ROAD:
         attackers, shares = ("hater",), config.road_shares
-    every = itertools.product(attackers, CASES, shares, config.seeds)
-    return [Poison(*parts) for parts in every if parts[:2] != ("adaptive", "honest")]
+    return [
+        Poison(attacker, case, share, seed)
+        for attacker, case in itertools.product(attackers, CASES)
+        for share in shares
+        for seed in config.seeds
+        if (attacker, case) != ("adaptive", "honest")
+    ]
 
 
 def learned(config: Any, world: str, place: Any, context: Context) -> Iterator[Row]:
     """Train every method on every contamination; yield the row of each set and angle."""
     recorded: dict[Poison, Demonstrations] = {}
-    wanted = poisons(config, world)
+    wanted, angles = poisons(config, world), tuple[float, ...](config.angles)
     for name in config.methods if world == GRID else config.road_methods:
         method, reads = METHODS[name], "rewards" in METHODS[name].told
         sets = list(dict.fromkeys(poison.training(reads) for poison in wanted))
         recorded |= {poison: place.data(poison) for poison in sets if poison not in recorded}
         arena = place.arena([recorded[poison] for poison in sets], context.on_stage(name))
-        served = method.served(config.angles)
+        served = method.served(angles)
         setting = place.settings.get(name, (method.settings or ((),))[0])
         runs = [
             Run(angle, poison.seed, number, setting)
@@ -94,7 +99,7 @@ def learned(config: Any, world: str, place: Any, context: Context) -> Iterator[R
             for angle in served[run.angle]:
                 turned = policy.at(angle) if hasattr(policy, "at") else policy
                 rows[sets[run.dataset], angle] = place.measured(turned, angle)
-        for poison, angle in itertools.product(wanted, config.angles):
+        for poison, angle in itertools.product(wanted, angles):
             label = {"world": world, "method": name} | poison._asdict() | {"angle": angle}
             yield label | rows[poison.training(reads), angle]
 
