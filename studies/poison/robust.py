@@ -85,9 +85,9 @@ def symmetric_loss(margin: Array) -> Array:
     return (right / (right + wrong) + jax.nn.sigmoid(-margin)) / 2
 
 
-def risk(positive: Array, own: Array, pseudo: Array) -> Float[Array, ""]:
+def risk(positive: Array, replayed: Array, pseudo: Array) -> Float[Array, ""]:
     """Half of E[ℓ(g)] of demonstrations and of E[ℓ(-g)] of the negative side's mixture."""
-    negative = LAMBDA * jnp.mean(symmetric_loss(-own))
+    negative = LAMBDA * jnp.mean(symmetric_loss(-replayed))
     negative += (1.0 - LAMBDA) * jnp.mean(symmetric_loss(-pseudo))
     return (jnp.mean(symmetric_loss(positive)) + negative) / 2
 

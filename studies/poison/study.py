@@ -77,17 +77,17 @@ def poisons(config: Any, world: str) -> list[Poison]:
     ]
 
 
-def learned(config: Any, world: str, place: Any, context: Context) -> Iterator[Row]:
+def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[Row]:
     """Train every method on every contamination; yield the row of each set and angle."""
     recorded: dict[Poison, Demonstrations] = {}
     wanted, angles = poisons(config, world), tuple[float, ...](config.angles)
     for name in config.methods if world == GRID else config.road_methods:
         method, reads = METHODS[name], "rewards" in METHODS[name].told
         sets = list(dict.fromkeys(poison.training(reads) for poison in wanted))
-        recorded |= {poison: place.data(poison) for poison in sets if poison not in recorded}
-        arena = place.arena([recorded[poison] for poison in sets], context.on_stage(name))
+        recorded |= {poison: ground.data(poison) for poison in sets if poison not in recorded}
+        arena = ground.arena([recorded[poison] for poison in sets], context.on_stage(name))
         served = method.served(angles)
-        setting = place.settings.get(name, (method.settings or ((),))[0])
+        setting = ground.settings.get(name, (method.settings or ((),))[0])
         runs = [
             Run(angle, poison.seed, number, setting)
             for angle in served
@@ -98,7 +98,7 @@ def learned(config: Any, world: str, place: Any, context: Context) -> Iterator[R
         for run, policy in tracked(trained, context.on_stage, f"{name}, audits", "policies"):
             for angle in served[run.angle]:
                 turned = policy.at(angle) if hasattr(policy, "at") else policy
-                rows[sets[run.dataset], angle] = place.measured(turned, angle)
+                rows[sets[run.dataset], angle] = ground.measured(turned, angle)
         for poison, angle in itertools.product(wanted, angles):
             label = {"world": world, "method": name} | poison._asdict() | {"angle": angle}
             yield label | rows[poison.training(reads), angle]
