@@ -156,6 +156,6 @@ def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
     calm = ["evaluate", "python:a_cli_road.py:waits", *world, "--episodes", "3", "--json"]
     assert main(calm) == 0
     assert json.loads(capsys.readouterr().out)["timeout"] == 1.0
-    other = ["--world", "CartPole-v1", "--believe-labels", "--out", "other"]
+    other = ["--world", "CartPole-v1", "--out", "other"]
     assert main(["train", "iq-learn", "data", *tiny, *other]) == 2
     assert "they belong to another world" in refused(capsys)

@@ -36,6 +36,8 @@ DECIDED = ("angle", "strength", "seed", "dataset", "online", "one_hot")
 """Fields of learners' configs that other options, the data or the world decide."""
 GRID = ("angle", "strength", "seed")
 """Settings in which the runs of a training differ."""
+NOTICES: list[str] = []
+"""Lines on the labels of the demonstrations, for when the training begins."""
 PLURALS = {"policy": "policies", "dial": "dials"}
 """Kinds of policies, and their key in run.json."""
 
@@ -156,16 +158,19 @@ class LabelOptions:
         return [self.load(path)] if path else []
 
     def load(self, path: Path, continuous: bool = False) -> Demonstrations:
-        """Read demonstrations; say on standard error what was dropped, or not checked."""
+        """Read demonstrations; what was dropped, or not checked, is said when the training begins.
+
+        A call that is refused says its own reason alone.
+        """
         key = self.collector
         if key and (fault := fault_of_model(path, path_of_signature(path), key)):
             raise UserError(f"{fault}: ask the collector for the file")
         data = files.load(path, continuous)
+        NOTICES.clear()
         if self.believe_labels:
             return data
         data, line = trusted(data, str(path))
-        if line:
-            complain(line)
+        NOTICES[:] = [line] if line else []
         return data
 
 
@@ -189,6 +194,8 @@ class RunFolder:
             monitor: Measures the policies after each chunk.
         """
         listeners: list[Callable[[Report], None]] = []
+        for line in NOTICES:
+            complain(line)
 
         def remove_if_empty(failed: type[BaseException] | None, *_: Any) -> None:
             if failed is not None:
