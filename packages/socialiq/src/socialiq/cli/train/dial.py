@@ -323,6 +323,7 @@ class OfflineDial(Printing):
         static, numbers = self.options.apply(configs, settings)
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
+        shared.say_notices()
         with whole_folder(self.out) as folder:
             dials = self.write(folder, static, runs, data)
         return self.show({"out": str(self.out), "dials": dials}, dials)

@@ -194,8 +194,7 @@ class RunFolder:
             monitor: Measures the policies after each chunk.
         """
         listeners: list[Callable[[Report], None]] = []
-        for line in NOTICES:
-            complain(line)
+        say_notices()
 
         def remove_if_empty(failed: type[BaseException] | None, *_: Any) -> None:
             if failed is not None:
@@ -320,6 +319,12 @@ class RunFolder:
         for failure in trained.failures:
             complain(failure)
         return 1 if trained.failures else 0
+
+
+def say_notices() -> None:
+    """Say on standard error what of the demonstrations was dropped, or not checked."""
+    for line in NOTICES:
+        complain(line)
 
 
 def label(hyperparameters: Any) -> Row:
