@@ -1,4 +1,4 @@
-"""Weights & Biases and MLflow read back what a training reported; both offline."""
+"""Weights & Biases and MLflow read what a training reported, a hub's client the card; offline."""
 
 import struct
 import time
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.patience import HANG
 
+from socialiq.cli.main import main
 from socialiq.learners.callbacks import MlflowRuns, Report, WandbRuns
 
 
@@ -71,3 +72,11 @@ def test_wandb_keeps_each_run_offline(tmp_path, report_to, monkeypatch):
         rows = ([(x.nested_key[0], x.value_json) for x in one.history.item] for one in records)
         found[name] = [(int(row["_step"]), float(row["loss"])) for row in map(dict, rows) if row]
     assert found == {"a": [(10, 1.0), (20, 2.0)], "b": [(10, 0.5), (20, 1.0)]}
+
+
+def test_the_client_of_a_hub_reads_the_card(tmp_path):
+    hub = pytest.importorskip("huggingface_hub", reason="extra `hub` is not installed")
+    out = tmp_path / "hub"
+    assert main(["export", "prosocial", "--format", "hub", "--out", str(out)]) == 0
+    card = hub.ModelCard.load(out / "README.md", ignore_metadata_errors=False)
+    assert card.data.library_name == "socialiq" and "driving" in card.data.tags
