@@ -169,6 +169,12 @@ def test_a_new_declaration_has_a_floor_that_the_best_driver_keeps(tmp_path, worl
         ("intersection", 45, {}),
         ("intersection-crosswalk", 45, {"delay": 25.0, "waiting": 3.0, "pedestrian_hit": 0.02}),
         ("intersection-crosswalk-0", 90, {"delay": 75.0, "waiting": 3.0, "pedestrian_hit": 0.02}),
+        (
+            "intersection-crosswalk-bicycles",
+            0,
+            {"delay": 25.0, "waiting": 3.0, "pedestrian_hit": 0.02}
+            | {"cyclist_delay": 1.5, "cyclist_hit": 0.02},
+        ),
     ],
 )
 def test_where_people_walk_effects_have_bounds_by_class(tmp_path, world, angle, bounds):

@@ -19,7 +19,7 @@ from socialiq.outputs import check_ending
 from socialiq.settings import assignments
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
-from socialiq.worlds.registry import GRIDWORLDS, NAMES
+from socialiq.worlds.registry import GRIDWORLDS, NAMES, spelled_out
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,17 @@ class New:
     """Largest share of episodes in which the policy hits a pedestrian; by default 0.02 where there
     are crosswalks on a road."""
     min_pedestrian_hit: float | None = None
+    """Smallest share of these."""
+    max_cyclist_delay: float | None = None
+    """Largest mean of the seconds that cyclists wait in an episode because of the policy; by
+    default 1.5 where they ride."""
+    min_cyclist_delay: float | None = None
+    """Smallest mean of these."""
+    cyclist_delay_range: tuple[float, float] | None = None
+    """Limits at which these of an episode are counted; by default 0 100."""
+    max_cyclist_hit: float | None = None
+    """Largest share of episodes in which the policy hits a cyclist; by default 0.02 likewise."""
+    min_cyclist_hit: float | None = None
     """Smallest share of these."""
     max_braking: float | None = None
     """Largest mean number of hard brakings that the policy causes in an episode."""
@@ -152,7 +163,9 @@ class New:
 
     def _bounds(self) -> list[profile.Bound]:
         """Return the bounds of what the policy causes."""
-        bounds, defaults = list[profile.Bound](), template.limits_at(self.world, self.angle)
+        bounds = list[profile.Bound]()
+        options = spelled_out(self.world, world_options(self.set))[1]
+        defaults = template.limits_at(self.world, self.angle, bool(options.get("cyclist_rate")))
         for name, quantity in QUANTITIES.items():
             ends = getattr(self, f"{name}_range", None)
             in_gridworld = IN_GRIDWORLDS.get(name) if self.world in GRIDWORLDS else None

@@ -6,6 +6,7 @@ it. The measures need a world that rewards effects (`worlds.highway.effects`).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
@@ -29,7 +30,10 @@ from socialiq.worlds.world import Actor
 
 PEOPLE = tuple(name for names in SIGNALS.values() for name in names)
 """Signals of people on foot and on bicycles."""
-QUANTITIES = ("delay", "braking", "gap_below_1_s", "waiting", "pedestrian_hit")
+QUANTITIES = (
+    *("delay", "braking", "gap_below_1_s"),
+    *("waiting", "pedestrian_hit", "cyclist_delay", "cyclist_hit"),
+)
 """Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
 
 WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego
@@ -165,9 +169,10 @@ def caused(
         block = np.resize(seeds[first : first + size], size)
         column = _drive(batch, actor_on(batch), block, begun, judging=False)
         close = column["gap"] < CLOSE
-        on_foot = column["on_foot"][:, 0], column["on_foot"][:, 2] > 0
+        sums = dict(zip(PEOPLE, column["on_foot"].T, strict=True))
+        people = [(sums[f"{kind}_delay"], sums[f"{kind}_hit"] > 0) for kind in SIGNALS]
         vehicles = column["delay"].sum(axis=1), column["braking"], close
-        blocks.append(np.stack([*vehicles, *on_foot]))
+        blocks.append(np.stack([*vehicles, *itertools.chain(*people)]))
     columns = np.concatenate(blocks, axis=1)[:, : len(seeds)]
     return dict(zip(QUANTITIES, columns, strict=True))
 

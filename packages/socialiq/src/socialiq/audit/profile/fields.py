@@ -32,14 +32,19 @@ class Quantity(NamedTuple):
 _METRES = "metres that others drive less than without the policy (cells in a gridworld)"
 _BRAKINGS = "decisions in which others brake harder than 4 m/s^2, less those without the policy"
 _WAITING = "seconds (steps in a gridworld) that pedestrians at crosswalks wait for the policy"
-_HIT = "episodes in which it hits a pedestrian at a crosswalk"
+_RIDING = "seconds that cyclists wait because of the policy"
+_HIT = "episodes in which it hits a {}"
 _CLOSE = "episodes in which it is where a vehicle of another approach is within 1 s"
 QUANTITIES = {
     "delay": Quantity("costs others", "m", _METRES, (-700.0, 700.0)),
     "braking": Quantity("causes", "hard brakings", _BRAKINGS, (-40.0, 40.0)),
     "waiting": Quantity("makes pedestrians wait", "s", _WAITING, (0.0, 100.0), "pedestrians"),
     "gap_below_1_s": Quantity("passes within 1 s of a crossing vehicle", "", _CLOSE, (0.0, 1.0)),
-    "pedestrian_hit": Quantity("hits a pedestrian", "", _HIT, (0.0, 1.0), "pedestrians"),
+    "cyclist_delay": Quantity("makes cyclists wait", "s", _RIDING, (0.0, 100.0), "cyclists"),
+    **{
+        f"{who}_hit": Quantity(f"hits a {who}", "", _HIT.format(who), (0.0, 1.0), f"{who}s")
+        for who in ("pedestrian", "cyclist")
+    },
 }
 """Effects of a policy on others that a declaration can bound. No episode of the shipped drivers of
 the intersection is beyond the ranges (docs/audit.md#bounds-of-effects)."""

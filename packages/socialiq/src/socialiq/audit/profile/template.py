@@ -53,7 +53,11 @@ GRID_LIMITS = {"max_delay": 2.5, "max_waiting": 0.75}
 field (docs/audit.md#bounds-of-effects). Those of pedestrians are the same for every angle."""
 
 
-def limits_at(world: str, angle: float) -> dict[str, float]:
+OF_CYCLISTS = {"max_cyclist_delay": 1.5, "max_cyclist_hit": 0.02}
+"""The same where cyclists ride."""
+
+
+def limits_at(world: str, angle: float, rides: bool = False) -> dict[str, float]:
     """Return the default bounds of effects in a world at an angle in degrees.
 
     Who never has to arrive may cost vehicles on a road three times as much.
@@ -61,7 +65,8 @@ def limits_at(world: str, angle: float) -> dict[str, float]:
     if world not in WALKED:
         return GRID_LIMITS if world in CROSSWALKS else {}
     waits = floor_at(angle).min_arrival == 0.0
-    return LIMITS | ({"max_delay": 3 * LIMITS["max_delay"]} if waits else {})
+    delay = {"max_delay": 3 * LIMITS["max_delay"]} if waits else {}
+    return LIMITS | delay | (OF_CYCLISTS if rides else {})
 
 
 _WALKED = tuple(name for name in WALKED if not name.endswith(MEASURED))

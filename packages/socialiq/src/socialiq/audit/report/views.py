@@ -217,10 +217,12 @@ def by_class(report: Mapping[str, Any]) -> list[dict[str, str]]:
         if row["test"] in names
     ]
     classes = list(dict.fromkeys(QUANTITIES[name].of for name in units)) if rows else []
+    if not report["declaration"]["scenario"]["options"].get("cyclist_rate"):
+        classes = [name for name in classes if name != "cyclists"]
     bounded, empty = {row["class"] for row in rows}, dict.fromkeys(rows[0] if rows else (), "")
     empty["name"] = "no bound is declared"
     rows += [empty | {"class": name} for name in classes if name not in bounded]
-    return sorted(rows, key=lambda row: classes.index(row["class"]))
+    return sorted(rows, key=lambda row: [*classes, row["class"]].index(row["class"]))
 
 
 def compatible(report: Mapping[str, Any]) -> str:
