@@ -15,7 +15,7 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import IDLE, Options
 from socialiq.worlds.intersection.shifted import ShiftedBatch
 from socialiq.worlds.intersection.world import Batch, Intersection
-from socialiq.worlds.shifts import Shift, shift_of, shown
+from socialiq.worlds.shifts import Shift, shift_of, with_faults
 
 SEEDS = np.arange(700, 712)
 KEY = shifts.key_of(np.arange(4000))
@@ -60,7 +60,7 @@ def test_without_shifts_nothing_changes():
     plain = Intersection()
     assert plain.shifted("none") == plain == registry.make("intersection", shift="")
     assert type(plain.shifted("none").batch(2)) is Batch
-    wrapped = ShiftedBatch(Options(), 12, drawn=(Shift(),), front_end=None)
+    wrapped = ShiftedBatch(Options(), 12, choices=(Shift(),), front_end=None)
     first, second = (
         episodes_of(batch, policies.policy("idm"), SEEDS) for batch in (plain.batch(12), wrapped)
     )
@@ -86,13 +86,17 @@ def test_a_late_action_is_carried_out_after_so_many_decisions():
 
 def test_vehicles_are_missing_with_the_declared_probability():
     observation = np.repeat(rows_of((10, 0), (0, 20), (-30, 5)), len(KEY), axis=0)
-    faulty = shown([shift_of("unseen=.3")], observation, KEY, np.full(len(KEY), 4, np.float32))
+    faulty = with_faults(
+        [shift_of("unseen=.3")], observation, KEY, np.full(len(KEY), 4, np.float32)
+    )
     rows = faulty.reshape(len(KEY), 10, 7)
     np.testing.assert_array_equal(rows[:, 0], observation.reshape(-1, 10, 7)[:, 0])
     assert 1 - rows[:, 1:, 0].sum() / (3 * len(KEY)) == pytest.approx(0.3, abs=0.015)
     present = rows[:, 1:, 0] > 0
     assert (present[:, :-1] >= present[:, 1:]).all()  # those that are left come first
-    again = shown([shift_of("unseen=.3")], observation[:7], KEY[:7], np.full(7, 4, np.float32))
+    again = with_faults(
+        [shift_of("unseen=.3")], observation[:7], KEY[:7], np.full(7, 4, np.float32)
+    )
     np.testing.assert_array_equal(again, faulty[:7])
 
 
@@ -101,7 +105,7 @@ def test_noise_is_new_for_every_vehicle_and_drift_is_shared_and_stays():
     true = observation.reshape(-1, 10, 7)[:, 1:3, 1:5]
 
     def errors(text, time):
-        rows = shown([shift_of(text)], observation, KEY, np.full(len(KEY), time, np.float32))
+        rows = with_faults([shift_of(text)], observation, KEY, np.full(len(KEY), time, np.float32))
         return (rows.reshape(-1, 10, 7)[:, 1:3, 1:5] - true) * [100, 100, 20, 20]
 
     noise = errors("noise=2", 3.0)
@@ -118,7 +122,9 @@ def test_sight_ends_and_a_nearer_vehicle_hides_those_behind_it():
     observation = rows_of((10, 0.5), (24, 0), (0, 20), (0, 40))
 
     def seen(text):
-        rows = shown([shift_of(text)], observation, KEY[:1], np.zeros(1, np.float32)).reshape(10, 7)
+        rows = with_faults([shift_of(text)], observation, KEY[:1], np.zeros(1, np.float32)).reshape(
+            10, 7
+        )
         return [tuple(np.round(row[1:3] * 100, 3).tolist()) for row in rows[1:] if row[0]]
 
     assert seen("sight=25") == [(10.0, 0.5), (24.0, 0.0), (0.0, 20.0)]
@@ -126,7 +132,7 @@ def test_sight_ends_and_a_nearer_vehicle_hides_those_behind_it():
 
 
 def test_every_episode_draws_one_of_several_shifts():
-    drawn = shifts.drawn(shifts.shifts_of("none or late or noise-3"), "latency", KEY)
+    drawn = shifts.values_of(shifts.shifts_of("none or late or noise-3"), "latency", KEY)
     assert drawn.mean() == pytest.approx(1 / 3, abs=0.03)
     world = Intersection().shifted("right or right,late")
     assert world.options.destination == "right" and world.shifts[1].latency == 1

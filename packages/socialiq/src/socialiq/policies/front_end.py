@@ -56,8 +56,8 @@ class FrontEndPolicy:
 def _arithmetic(operator: str, order: int = 1) -> Callable[[Any, Any], Node]:
     """Return the method of an operator; with the order -1 of its operand on the left."""
 
-    def method(self: Node, other: Any) -> Node:
-        names = [self.name, name_of(self.graph, other)]
+    def method(self: Node, operand: Any) -> Node:
+        names = [self.name, name_of(self.graph, operand)]
         return node(self.graph, operator, names[::order])
 
     return method
@@ -135,7 +135,7 @@ class Nodes(Arrays):
         """Return an array within limits."""
         return self._add("Clip", array, low, high)
 
-    def whole(self, array: Any) -> Node:
+    def rounded(self, array: Any) -> Node:
         """Return the nearest whole numbers, halves to the even one."""
         return self._add("Round", array)
 

@@ -144,13 +144,13 @@ def key_of(seeds: np.ndarray) -> UInt64[np.ndarray, " batch"]:
     return _mixed(seeds.astype(np.uint64))
 
 
-def drawn(shifts: Sequence[Shift], name: str, key: UInt64[np.ndarray, " batch"]) -> np.ndarray:
+def values_of(shifts: Sequence[Shift], name: str, key: UInt64[np.ndarray, " batch"]) -> np.ndarray:
     """Return a field's value in each episode, of which each draws one of the shifts by its key."""
     which = (_uniform(key, 0) * len(shifts)).astype(np.int64)
     return np.array([getattr(shift, name) for shift in shifts])[which]
 
 
-def shown(
+def with_faults(
     shifts: Sequence[Shift],
     observation: Float32[np.ndarray, "batch feature"],
     key: UInt64[np.ndarray, " batch"],
@@ -165,7 +165,7 @@ def shown(
     now, unit = time.astype(np.uint64)[:, None], np.array([POSITION_RANGE] * 2 + [SPEED_RANGE] * 2)
     offset = (others[..., 1:3] - rows[:, :1, 1:3]).astype(np.float64) * POSITION_RANGE
     distance = np.hypot(offset[..., 0], offset[..., 1])
-    value = {field.name: drawn(shifts, field.name, key) for field in FAULTS}
+    value = {field.name: values_of(shifts, field.name, key) for field in FAULTS}
     hidden = distance > value["sight"][:, None]
     hidden |= _uniform(key[:, None], 1, now, number) < value["unseen"][:, None]
     if value["occlusion"].any():

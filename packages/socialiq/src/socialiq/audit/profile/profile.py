@@ -316,16 +316,16 @@ class Traffic(NamedTuple):
     world: World
 
 
-def other_traffic(profile: Profile, named: Sequence[str] = ()) -> tuple[Traffic, ...]:
+def other_traffic(profile: Profile, shifts: Sequence[str] = ()) -> tuple[Traffic, ...]:
     """Return the other traffic of the declared world, or shifts; `UserError` if it has none."""
     declared = profile.scenario
     if profile.rule is not None:
         raise UserError("a declared rule is not tested in other traffic: leave out --shift")
     # Making an environment may run code; it has one traffic only.
     variants = profile.world().other_traffic() if declared.world in NAMES else {}
-    if named:
+    if shifts:
         one_of("world with shifts", declared.world, INTERSECTIONS)
-        variants = {f"the shift {text}": {"shift": text} for text in named}
+        variants = {f"the shift {text}": {"shift": text} for text in shifts}
     if not variants:
         raise UserError(f"{declared.world} has one traffic only: leave out --shift")
     return tuple(

@@ -74,7 +74,7 @@ class Arrays:
         """Return an array within limits."""
         return array.clip(np.float32(low), np.float32(high))
 
-    def whole(self, array: Any) -> Any:
+    def rounded(self, array: Any) -> Any:
         """Return the nearest whole numbers, halves to the even one."""
         return np.round(array)
 
@@ -203,22 +203,22 @@ class FrontEnd:
         kept = [xp.part(memory, *ends) for ends in parts if ends[1] > ends[0]]
         return xp.joined([*kept, action - np.float32(IDLE)])
 
-    def _followed(self, seen: Any, tracks: Any, count: int, noise: Any, xp: Arrays) -> Any:
-        """Return the tracks of vehicles that are seen, then of those that are carried on."""
+    def _followed(self, sensed: Any, tracks: Any, count: int, noise: Any, xp: Arrays) -> Any:
+        """Return the tracks of vehicles that are sensed, then of those that are carried on."""
         moved, unit = self._moved(tracks, xp), np.float32(1.0)
-        there, visible = (xp.limited(xp.part(rows, 0, 1), 0.0, 1.0) for rows in (moved, seen))
-        same = self._same(moved, seen, there, visible, count, xp)
+        there, visible = (xp.limited(xp.part(rows, 0, 1), 0.0, 1.0) for rows in (moved, sensed))
+        same = self._same(moved, sensed, there, visible, count, xp)
         prior, known = xp.product(same, moved), xp.shaped(xp.total(same, 1), count, 1)
-        columns, variances = [xp.part(seen, 0, 1)], []
+        columns, variances = [xp.part(sensed, 0, 1)], []
         for first, scale, place in ((1, POSITION_RANGE, ROW), (3, 2 * SPEED_RANGE, ROW + 1)):
             error = noise * np.float32(1.0 / scale)
             error = error * error
             before = xp.part(prior, place, place + 1)
             weight = known * error / (before + error + np.float32(TINY))
-            measured = xp.part(seen, first, first + 2)
+            measured = xp.part(sensed, first, first + 2)
             columns.append(measured + weight * (xp.part(prior, first, first + 2) - measured))
             variances.append(visible * (weight * before + (unit - known) * error))
-        rows = xp.joined([*columns, xp.part(seen, 5, ROW), *variances, visible * np.float32(0.0)])
+        rows = xp.joined([*columns, xp.part(sensed, 5, ROW), *variances, visible * np.float32(0.0)])
         place = xp.part(moved, 1, 3)
         carried = there * (unit - xp.total(same, 2))
         carried = carried * xp.at_most(xp.total(place * place, -1), np.float32(1.0))
@@ -228,11 +228,13 @@ class FrontEnd:
         order = np.arange(2 * count, dtype=np.float32)[None]
         return xp.first(every, order + np.float32(2 * count) * (unit - present), count)
 
-    def _same(self, moved: Any, seen: Any, there: Any, visible: Any, count: int, xp: Arrays) -> Any:
+    def _same(
+        self, moved: Any, sensed: Any, there: Any, visible: Any, count: int, xp: Arrays
+    ) -> Any:
         """Return 1 for each track and vehicle that are nearest to each other, within the gate."""
         cost: Any = np.float32(FAR) * (np.float32(2.0) - there - xp.shaped(visible, 1, count))
         for number, unit in ((1, 1.0), (2, 1.0), (3, PER_SECOND), (4, PER_SECOND)):
-            before, now = (xp.part(rows, number, number + 1) for rows in (moved, seen))
+            before, now = (xp.part(rows, number, number + 1) for rows in (moved, sensed))
             away = (xp.shaped(before, count, 1) - xp.shaped(now, 1, count)) * np.float32(unit)
             cost = cost + away * away
         reach = np.float32(GATE) + np.float32(DEVIATIONS) * xp.root(xp.part(moved, ROW, ROW + 1))
@@ -256,7 +258,7 @@ class FrontEnd:
             ]
         )
 
-    def _predicted(self, ego: Any, others: Any, waiting: Any, on: Any, xp: Arrays) -> Any:
+    def _predicted(self, ego: Any, vehicles: Any, waiting: Any, on: Any, xp: Arrays) -> Any:
         """Return all rows at the time of an action's effect, and the ego's next target speed.
 
         Others keep their velocity. The ego keeps its heading, and its speed follows the actions
@@ -271,7 +273,7 @@ class FrontEnd:
         target, now = xp.part(waiting, 0, 1) + np.float32(SPEEDS[-1]), speed
         for number in range(self.latency):
             action = xp.part(waiting, 1 + number, 2 + number)
-            level = xp.limited(xp.whole(now / step) + action, 0.0, len(SPEEDS) - 1.0)
+            level = xp.limited(xp.rounded(now / step) + action, 0.0, len(SPEEDS) - 1.0)
             moving = action * action
             target = moving * level * step + (unit - moving) * target
             change = (now - target) * np.float32((1.0 - left) / SPEED_GAIN)
@@ -284,7 +286,7 @@ class FrontEnd:
         velocity = velocity + (unit - on) * xp.part(ego, 3, 5)
         ego = xp.joined([xp.part(ego, 0, 1), place, velocity, along])
         ahead = on * np.float32(PER_SECOND * seconds * self.latency)
-        place = xp.part(others, 1, 3) + xp.part(others, 3, 5) * ahead
-        others = xp.joined([xp.part(others, 0, 1), place, xp.part(others, 3, ROW)])
+        place = xp.part(vehicles, 1, 3) + xp.part(vehicles, 3, 5) * ahead
+        vehicles = xp.joined([xp.part(vehicles, 0, 1), place, xp.part(vehicles, 3, ROW)])
         memory = xp.shaped(after - np.float32(SPEEDS[-1]), 1)
-        return xp.joined([ego, others], 1), memory
+        return xp.joined([ego, vehicles], 1), memory

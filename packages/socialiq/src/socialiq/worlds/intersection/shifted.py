@@ -28,13 +28,13 @@ class ShiftedBatch(Batch):
     def __init__(
         self,
         *arguments: Any,
-        drawn: Sequence[Shift],
+        choices: Sequence[Shift],
         front_end: FrontEnd | None,
         **options: Any,
     ) -> None:
         super().__init__(*arguments, **options)
-        self._drawn, self._front_end = tuple(drawn), front_end
-        self.latest = max(shift.latency for shift in drawn)
+        self._drawn, self._front_end = tuple(choices), front_end
+        self.latest = max(shift.latency for shift in choices)
         width = (self.options.width,) if self.options.continuous else ()
         still = np.zeros(width, np.float32) if width else np.int64(IDLE)
         self._queue = np.full((self.size, self.latest, *width), still)
@@ -66,7 +66,7 @@ class ShiftedBatch(Batch):
             given = np.asarray(seeds, np.uint64)
             given = given + np.arange(chosen.sum(), dtype=np.uint64) if given.ndim == 0 else given
         self._key[chosen] = shifts.key_of(given)
-        self._late[chosen] = shifts.drawn(self._drawn, "latency", self._key[chosen])
+        self._late[chosen] = shifts.values_of(self._drawn, "latency", self._key[chosen])
         self._queue[chosen] = 0.0 if self.options.continuous else IDLE
         self._memory[chosen] = 0.0
         self._show(chosen)
@@ -95,14 +95,14 @@ class ShiftedBatch(Batch):
         """Show some episodes' states, after the actions that were decided."""
         true = self.buffers.observation.reshape(self.size, -1)[rows]
         key, time = self._key[rows], super().time[rows]
-        self._shown[rows] = shifts.shown(self._drawn, true, key, time)
+        self._shown[rows] = shifts.with_faults(self._drawn, true, key, time)
         if (front := self._front_end) is not None:
             features, memory = true.shape[1], self._memory[rows]
             if decided is not None:
                 memory = front.decided(memory, decided[rows, None].astype(np.float32), features)
             known = self._is_late(rows), None
             if len(self._drawn) > 1:
-                noise = shifts.drawn(self._drawn, "noise", key)
+                noise = shifts.values_of(self._drawn, "noise", key)
                 known = known[0], noise[:, None].astype(np.float32)
             seen, self._memory[rows] = front.see(self._shown[rows], memory, features, *known)
             self._shown[rows] = seen
@@ -115,7 +115,7 @@ class ShiftedBatch(Batch):
     def like(self, size: int) -> ShiftedBatch:
         """Return a batch of so many episodes of the same scenario, on the core."""
         options: dict[str, Any] = {"effects": self.effects, "by_class": self._by_class}
-        options |= {"drawn": self._drawn, "front_end": self._front_end}
+        options |= {"choices": self._drawn, "front_end": self._front_end}
         return type(self)(self.options, size, self._threads, **options)
 
     @property

@@ -234,7 +234,7 @@ class Intersection(RoadWorld):
             return Batch(*how)
         from socialiq.worlds.intersection.shifted import ShiftedBatch  # made of `Batch`
 
-        return ShiftedBatch(*how, drawn=self.shifts or (Shift(),), front_end=self.front_end)
+        return ShiftedBatch(*how, choices=self.shifts or (Shift(),), front_end=self.front_end)
 
     def driver(self, name: str, seed: int = 0) -> Policy:
         """Return a rule-based driver of `policies.NAMES`."""
