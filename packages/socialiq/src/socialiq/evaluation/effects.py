@@ -249,8 +249,7 @@ def _drive(
             frames = slice(number * options.frames, (number + 1) * options.frames)
             _follow(batch, running, tracks[:, :, frames])
         for column, name in enumerate(PEOPLE):
-            if name in decisions.signals:
-                on_foot[running, column] += decisions.signals[name][running]
+            on_foot[running, column] += decisions.signals.get(name, np.zeros(len(seeds)))[running]
         ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
         running &= decisions.ending == int(Ending.NONE)
         number += 1
