@@ -13,12 +13,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
@@ -31,6 +33,7 @@ SINGLE_STEPS = 5_000
 CORE_STEPS = 30_000
 EFFECTS_STEPS = 10_000
 FLEETS = (2, 4)  # agents
+DIAL = Path("results/intersection-dial-clock/iterated.safetensors")
 BATCH = 64  # for one thread
 WIDE_BATCH = 1024  # for two: below that they wait for one another
 DENSITIES = (0.0, 0.3, 0.6, 1.0)  # spawn probabilities
@@ -93,6 +96,7 @@ def run(repeats: int) -> dict[str, Any]:
         **effects_costs(repeats),
         **by_density(repeats),
         **start_up(repeats),
+        "predict_us": statistics.median(predict_microseconds() for _ in range(repeats)),
     }
 
 
@@ -189,6 +193,17 @@ def real_steps_per_second(environment: Any, steps: int = HIGHWAY_STEPS) -> float
         if terminated or truncated:
             environment.reset()
     return steps / (time.perf_counter() - begin)
+
+
+def predict_microseconds() -> float:
+    """Microseconds of the shipped dial at 45 degrees for one observation."""
+    policy = DialPolicy.load(DIAL).at(45.0)
+    environment = gymnasium.make("socialiq/Intersection-v1", clock=True)
+    observation, _ = environment.reset(seed=0)
+    begin = time.perf_counter()
+    for _ in range(SINGLE_STEPS):
+        policy.predict(observation)
+    return 1e6 * (time.perf_counter() - begin) / SINGLE_STEPS
 
 
 def vector_steps_per_second(environments: Any) -> float:
