@@ -22,9 +22,8 @@ VOLATILE_TABLES = ("times", "speed", "speeds")
 NEEDS = {
     "influence-zone": ("sklearn",),
     "mujoco-imitation": ("mujoco",),
-    "mo-gymnasium": ("mo_gymnasium",),
 }
-QUICK = ("audit-power", "off-policy", "mo-gymnasium")
+QUICK = ("audit-power", "off-policy")
 
 
 FEWER_DIGITS = {"mujoco-imitation": 5}

@@ -11,11 +11,8 @@ from scipy.spatial import ConvexHull
 
 from socialiq.errors import UserError
 from socialiq.evaluation.front import (
-    expected_utility,
     hypervolume,
     support_intervals,
-    utilities,
-    utility_losses,
 )
 from socialiq.mdp.front import AttainableSet
 
@@ -149,45 +146,10 @@ def test_points_that_are_not_finite_are_refused() -> None:
         hypervolume(np.array([[np.nan, 1.0]]), CORNER)
 
 
-def test_utilities_of_two_policies_by_hand():
-    # (3, 0) at 0, (0, 2) at 90, and at 45 degrees 3 / sqrt(2) against 2 / sqrt(2).
-    points = np.array([[3.0, 0.0], [0.0, 2.0]])
-    root = np.sqrt(0.5)
-    assert utilities(points, (0.0, 45.0, 90.0)) == pytest.approx([3.0, 3.0 * root, 2.0])
-    assert expected_utility(points, (0.0, 90.0)) == pytest.approx(2.5)
-    front = np.array([[3.0, 0.0], [2.0, 2.0], [0.0, 2.5]])
-    losses = utility_losses(points, front, (0.0, 45.0, 90.0))
-    assert losses == pytest.approx([0.0, root, 0.5])
-
-
-def test_a_dominated_policy_changes_no_utility_and_no_hypervolume():
-    points, worse = np.array([[1.0, 4.0], [3.0, 2.0]]), np.array([[0.5, 1.0]])
-    angles, reference = (0.0, 45.0, 90.0), np.zeros(2)
-    more = np.concatenate([points, worse])
-    assert expected_utility(more, angles) == expected_utility(points, angles)
-    # 3 x 2, and 1 x 2 above it.
-    assert hypervolume(more, reference) == hypervolume(points, reference) == 8.0
-
-
-@pytest.mark.parametrize("points", [np.zeros((0, 2)), np.array([[np.nan, 0.0]])])
-def test_utilities_of_no_or_infinite_points_are_refused(points):
-    with pytest.raises(UserError, match="at least one policy is needed, and finite"):
-        utilities(points, (0.0,))
-    with pytest.raises(UserError, match="at least one policy is needed, and finite"):
-        utility_losses(np.zeros((1, 2)), points, (0.0,))
-    with pytest.raises(UserError, match="at least one angle"):
-        expected_utility(np.zeros((1, 2)), ())
-
-
-def test_measures_are_those_of_another_library():
-    """The file is written by benchmarks/peers/mo_gymnasium_measures.py with morl-baselines."""
-    cases = json.loads(Path(__file__).with_name("measures_by_morl_baselines.json").read_text())
+def test_it_is_that_of_another_library():
+    """The file is written by benchmarks/peers/hypervolume.py with morl-baselines."""
+    cases = json.loads(Path(__file__).with_name("hypervolumes_by_morl_baselines.json").read_text())
     assert len(cases) == 20
     for case in cases:
-        points, front = np.array(case["points"]), np.array(case["front"])
-        area = hypervolume(points, np.array(case["reference"]))
+        area = hypervolume(np.array(case["points"]), np.array(case["reference"]))
         assert area == pytest.approx(case["hypervolume"], rel=1e-9, abs=1e-9)
-        found = expected_utility(points, case["angles"])
-        assert found == pytest.approx(case["expected_utility"], rel=1e-9, abs=1e-9)
-        largest = utility_losses(points, front, case["angles"]).max()
-        assert largest == pytest.approx(case["maximum_utility_loss"], rel=1e-9, abs=1e-9)

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.social.angle import exact_weights
 
 _NO_POINTS = "at least one policy is needed, and finite mean totals of each"
 _NARROWEST = 1e-9  # degrees; below it a point is on an edge, up to rounding
@@ -80,46 +79,3 @@ def hypervolume(
         area += env * max(social - height, 0.0)
         height = max(height, social)
     return float(area)
-
-
-def utilities(
-    points: Float[np.ndarray, "policy 2"], angles: Sequence[float]
-) -> Float[np.ndarray, " angle"]:
-    """Return the largest J(α) of a set of mean totals at each angle in degrees.
-
-    Raises:
-        UserError: If there is no point, or one is not finite.
-    """
-    if not len(points) or not np.isfinite(points).all():
-        raise UserError(_NO_POINTS)
-    directions = np.array([exact_weights(angle) for angle in angles]).reshape(-1, 2)
-    return (points @ directions.T).max(axis=0)
-
-
-def expected_utility(points: Float[np.ndarray, "policy 2"], angles: Sequence[float]) -> float:
-    """Return the mean over angles of the largest J(α) of a set (Zintgraf et al. 2015).
-
-    A user with angle α takes the best policy of the set; all angles, in degrees, are alike
-    frequent. The weights have length 1, not sum 1.
-
-    Raises:
-        UserError: If there is no point or no angle, or one is not finite.
-    """
-    if not len(angles):
-        raise UserError("an expected utility needs at least one angle")
-    return float(utilities(points, angles).mean())
-
-
-def utility_losses(
-    points: Float[np.ndarray, "policy 2"],
-    front: Float[np.ndarray, "best 2"],
-    angles: Sequence[float],
-) -> Float[np.ndarray, " angle"]:
-    """Return at each angle by how much the best of a set is worse than the best of a known front.
-
-    The largest of them is the maximum utility loss of Zintgraf et al. (2015).
-
-    Raises:
-        UserError: If either has no point, or one is not finite.
-    """
-    return utilities(front, angles) - utilities(points, angles)
