@@ -94,7 +94,7 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
 def _scikit_learn() -> list[Any]:
     """Return scikit-learn's modules of ensembles, trees and metrics."""
     return [
-        optional(f"sklearn.{name}", "prediction", "the learned zone", "socialiq-recordings")
+        optional(f"sklearn.{name}", "boosting", "the learned zone", "socialiq-lab")
         for name in ("ensemble", "tree", "metrics")
     ]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
+pytest.importorskip("sklearn", reason="extra `boosting` is not installed")
 
 from tests.unit.studies.test_influence_zone import planted_zone
 

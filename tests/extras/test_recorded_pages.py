@@ -1,4 +1,4 @@
-"""The examples of pages on recorded drivers: their fence is ```py. They need two extras."""
+"""The examples of pages on recorded drivers: their fence is ```py. They need the extra `maps`."""
 
 import re
 from pathlib import Path
@@ -6,14 +6,13 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("shapely", reason="extra `maps` is not installed")
-pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.parametrize(
     ("page", "count"),
-    [("recorded-drivers", 2), ("recorded-conflicts", 1), ("recorded-prediction", 1)],
+    [("recorded-drivers", 2), ("recorded-conflicts", 1)],
 )
 def test_the_examples_run(tmp_path, monkeypatch, page, count):
     monkeypatch.chdir(tmp_path)
@@ -27,7 +26,7 @@ def test_the_examples_run(tmp_path, monkeypatch, page, count):
 
 @pytest.mark.parametrize(
     ("page", "least"),
-    [("recorded-drivers", 9), ("recorded-conflicts", 2), ("recorded-prediction", 3)],
+    [("recorded-drivers", 9), ("recorded-conflicts", 2)],
 )
 def test_every_command_parses(page, least):
     import shlex

@@ -94,7 +94,6 @@ BASES: dict[str, list[str]] = {
     "data census": [RECORDING, "--out", OUT],
     "data world": [RECORDING, "--out", OUT],
     "data conflicts": [RECORDING, "--pictures", "1", "--out", OUT],
-    "data predict": [RECORDING, "--holdout", "moments", "--models", "boosting", "--out", OUT],
 }
 """By command, words of a call that would work, or nearly: {ok} has samples, {out} is empty."""
 
@@ -105,7 +104,6 @@ LONG = (
     "bench",
     "conformance",
     "sweep",
-    "data predict",
 )
 """Commands that take long: only calls that must be refused are made of them."""
 TRAINING = tuple(name for name in BASES if name.startswith("train "))

@@ -78,10 +78,10 @@ MORE = [
     f"export {POLICY} --format bom --out {OUT}",
     f"audit {POLICY} {' '.join(AUDIT)} --no-log",
 ]
-LATE = (*TRAINING, *LONG, "data predict", "data conflicts", "data census")
+LATE = (*TRAINING, *LONG, "data conflicts", "data census")
 """Commands that work for seconds before they write."""
 LACKING = ("train improve-dial", "train td3-bc", "train own", "train practised-dial")
-LACKING += ("data from-minari", "data predict", "population intersection")
+LACKING += ("data from-minari", "population intersection")
 """Commands of which the tests lack a sample."""
 
 

@@ -7,7 +7,6 @@ COMMANDS = {
     "data world": "socialiq_recordings.cli.world:MakeWorld",
     "data demonstrations": "socialiq_recordings.cli.world:ToDemonstrations",
     "data census": "socialiq_recordings.cli.world:TakeCensus",
-    "data predict": "socialiq_recordings.cli.prediction:Predict",
     "train practised-dial": "socialiq_recordings.cli.practised_dial:PractisedDial",
 }
 """Module and class of each command."""

@@ -1,1 +1,0 @@
-"""Prediction of recorded drivers: models of their next acceleration, and the choices they had."""
