@@ -1,11 +1,10 @@
 """Weights & Biases and MLflow read what a training reported, a hub's client the card; offline."""
 
 import struct
-import time
 
 import numpy as np
 import pytest
-from tests.patience import HANG
+from tests.patience import wait_until
 
 from socialiq.cli.main import main
 from socialiq.learners.callbacks import MlflowRuns, Report, WandbRuns
@@ -60,12 +59,16 @@ def test_wandb_keeps_each_run_offline(tmp_path, report_to, monkeypatch):
 
     monkeypatch.delenv("WANDB_MODE", raising=False)
     report_to(WandbRuns(tmp_path / "new", ("a", "b")))
-    begun, ended = time.monotonic(), {}
-    while len(ended) < 2 and time.monotonic() < begun + HANG:  # its service writes on
+    ended = {}
+
+    def both_ended():  # the library's service writes on
         for path in (tmp_path / "new" / "wandb").glob("offline-run-*/*.wandb"):
             records = [wandb_internal_pb2.Record.FromString(one) for one in blocks(path)]
             if records and records[-1].HasField("exit"):
                 ended[path] = records
+        return len(ended) == 2
+
+    wait_until(both_ended)
     found = {}
     for records in ended.values():
         (name,) = {one.run.display_name for one in records if one.HasField("run")}

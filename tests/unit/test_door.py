@@ -148,9 +148,8 @@ def test_no_public_method_ends_in_an_error_of_pythons_own(name, data):
         function = getattr(sample, method)
         if inspect.ismethod(function) and "socialiq" in function.__module__:
             given = inspect.signature(function).parameters.values()
-            needed = [
-                p for p in given if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD
-            ]
+            positional = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
+            needed = [p for p in given if p.default is p.empty and p.kind in positional]
             with contextlib.suppress(socialiq.UserError):
                 function(*[object()] * len(needed))
 
