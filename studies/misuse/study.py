@@ -16,12 +16,11 @@ from socialiq import Margin, declare
 from socialiq.audit.evidence.collect import drive_references
 from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Evidence, Reference
-from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.profile import Profile, measured_in
 from socialiq.audit.profile.template import USUAL, floor_at
 from socialiq.audit.request import SHIPPED_DIAL, Trust, dial_angles, resolve_references
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Decisive, decide, joint_decision
-from socialiq.evaluation.effects import QUANTITIES
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.statistics.intervals import normal_mean
@@ -116,7 +115,8 @@ def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
     profile = declaration(config.declared, SCENARIOS[scenario])
     world, width = profile.world(), profile.margin.width
     seeds = np.random.default_rng(config.seed).integers(2**62, size=config.episodes)
-    course, measured = Course(world, seeds), Course(world, seeds, measured=tuple(QUANTITIES))
+    quantities = tuple(measured_in(WORLD))
+    course, measured = Course(world, seeds), Course(world, seeds, measured=quantities)
     with contextlib.ExitStack() as closing:
         angles = dial_angles(config.declared, width)
         compared = resolve_references(world, (), UNKNOWN, Trust(), closing, angles)
@@ -129,7 +129,7 @@ def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
         row: Row = {"policy": name, "scenario": scenario, "verdict": verdict.decision.value}
         row |= {"decided_by": deciding(verdict), "regret": verdict.regret.regret}
         row |= {test.name: test.share for test in cast(Any, verdict.competence)}
-        for quantity in QUANTITIES:
+        for quantity in quantities:
             row |= normal_mean(quantity, outcomes.beside[quantity])
         delay = outcomes.beside["delay"]
         honest = delay if honest is None else honest
