@@ -106,7 +106,8 @@ def test_a_search_finds_its_page_first(query, page):
 
 def test_the_documentation_has_at_most_60000_words():
     """A word has a letter or a digit; tables count, blocks of code don't."""
-    text = " ".join(CODE.sub("", page.read_text()) for page in ROOT.glob("docs/**/*.md"))
+    text = "\n".join(CODE.sub("", page.read_text()) for page in ROOT.glob("docs/**/*.md"))
+    assert re.findall(r"^[<>]{7} .*", text, re.MULTILINE) == [], "marks of a merge"
     words = [word for word in text.split() if re.search(r"\w", word)]
     assert 10_000 < len(words) <= 60_000
 
