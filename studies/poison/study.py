@@ -251,5 +251,5 @@ def _drawn(rows: Sequence[Row], measure: str, title: str, methods: Sequence[str]
         words: dict[str, Any] = {"xlabel": "malicious episodes, %"}
         words |= {"ylabel": f"{what} at 0°, 45°, 90°"} if case == CASES[0] else {}
         style.finish(axes, heading, **words)
-    style.head(figure, title, panels[0], 4)
+    style.head(figure, title, legend=True)
     return figure

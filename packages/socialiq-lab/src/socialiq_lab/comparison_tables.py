@@ -18,7 +18,7 @@ from socialiq.evaluation.exact import READOUTS, Ground
 from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners import collect
 from socialiq.learners.iq_learn import config as presets
-from socialiq.plotting.style import figure
+from socialiq.plotting.style import SMALLEST, figure, head
 from socialiq.results_folder import Results, from_csv
 from socialiq.types import Row
 from socialiq.worlds.enumerate import expert_policy
@@ -217,8 +217,8 @@ def angle_figure(
     name = quantity(results, world)
     methods = list(dict.fromkeys(column(rows, "method")))
     angles = sorted(set(column(rows, "target_angle")))
-    picture = figure(3.4 + 0.75 * len(readouts) * len(angles), 1.4 + 0.42 * len(methods))
-    panels = np.ravel(picture.subplots(1, len(readouts), sharey=True, squeeze=False))
+    picture = figure(3.6 + 0.95 * len(angles), 1.4 + 0.46 * len(readouts) * len(methods))
+    panels = np.ravel(picture.subplots(len(readouts), sharex=True, squeeze=False))
     values, colors = column(rows, name), matplotlib.colormaps["viridis"]
     norm = Normalize(min(values), max(values))
     if name == "regret":  # small regrets matter, and differ by orders of magnitude
@@ -231,21 +231,31 @@ def angle_figure(
             field[down, across] = row[name]
             red, green, blue = colors(norm(row[name]))[:3]
             ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 0.5 else "white"
-            shape = {"ha": "center", "va": "center", "fontsize": 6, "color": ink}
+            shape = {"ha": "center", "va": "center", "fontsize": SMALLEST, "color": ink}
             axes.text(across, down, _number_and_range(row, name), **shape)
         image = axes.imshow(field, aspect="auto", norm=norm, cmap=colors)
         axes.set_xticks(range(len(angles)), [f"{angle:g}" for angle in angles])
-        axes.set_xlabel("target angle (degrees)")
+        axes.set_yticks(range(len(methods)), [labels[method] for method in methods])
         axes.set_title(readout, fontsize=10)
-    panels[0].set_yticks(range(len(methods)), [labels[method] for method in methods])
+    panels[-1].set_xlabel("target angle (degrees)")
     label = f"{TITLES[name]} (units of reward)"
-    bar = picture.colorbar(image, ax=list(panels), label=label, shrink=0.7)
+    bar = picture.colorbar(image, ax=list(panels), label=label, shrink=0.7, aspect=40)
     if name == "regret":
         bar.set_ticks([tick for tick in (0, 0.1, 0.5, 1, 2, 5, 10, 20) if tick <= max(values)])
-    seeds = rows[0]["seeds"]
-    title = f"{world}: mean over {seeds} seeds, below it the range of seeds"
-    picture.suptitle(title, fontsize=11)
+    conclusion = _best(matching(rows, readout=readouts[0]), name, labels)
+    cells = f"cells: mean of {rows[0]['seeds']} seeds, below it their range"
+    head(picture, f"{world}, {readouts[0]}: {conclusion}; {cells}")
     return picture
+
+
+def _best(rows: Sequence[Row], name: str, labels: Mapping[str, str]) -> str:
+    """Return which methods have the best mean over the angles, to two digits, as a sentence."""
+    means = {method: mean(group, name) for (method,), group in groups(rows, "method").items()}
+    best = min(means.values()) if name == "regret" else max(means.values())
+    ahead = [labels[method] for method, value in means.items() if abs(value - best) < 0.005]
+    listed = " and ".join(ahead) if len(ahead) < 4 else f"{len(ahead)} of {len(means)} methods"
+    kind = "least mean regret" if name == "regret" else "greatest mean value"
+    return f"{listed} {'has' if len(ahead) == 1 else 'have'} the {kind}, {best:.2f}"
 
 
 def _number_and_range(row: Row, name: str) -> str:

@@ -22,6 +22,7 @@ from socialiq_lab.tables import as_text, where
 PALETTE = ("#2166ac", "#c23b22", "#1b7837", "#e08214", "#762a83", "#888888", "#1f9e89", "#d6604d")
 STYLES = ("-", "--", ":", "-.")
 _MARKS = "osD^vP*X"
+_FEW = 4  # entries of a legend that leave room for the lines of a small panel
 
 
 class _Panel(NamedTuple):
@@ -40,8 +41,9 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
             and an upper end), `text` (column written beside points), `join` (a column of several),
             `layers` (tables of these keys, laid over the others), `xlabel`, `ylabel`, `ylabels`,
             `rotation` (of the labels at x, degrees), `xscale`, `yscale`, `xlim`, `ylim`, `hline`,
-            `vline`, `diagonal`, `legend` (false for none), `title`, `size` (of a panel, in inches),
-            `columns` (panels side by side).
+            `vline`, `diagonal`, `legend` (false for none, or "below"), `words` (texts in place of
+            the values of a column), `title`, `size` (of a panel, in inches), `columns` (panels side
+            by side).
         results: Results whose tables are drawn.
     """
     layers = [{**specification, **layer} for layer in specification.get("layers", [{}])]
@@ -60,15 +62,20 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
     down = math.ceil(len(panels) / side_by_side)
     picture = style.figure(width * side_by_side, height * down)
     grid = picture.subplots(down, side_by_side, squeeze=False).ravel()
-    for number, (axes, panel) in enumerate(itertools.zip_longest(grid, panels)):
+    for axes, panel in itertools.zip_longest(grid, panels):
         if panel is None:
             axes.axis("off")
             continue
         for layer in layers:
             _layer(axes, layer, panel, _rows(layer, results))
-        _finish(axes, specification, panel, number)
-    if "title" in specification:
-        picture.suptitle(specification["title"], fontsize=10)
+        _finish(axes, specification, panel)
+    legends = [set(axes.get_legend_handles_labels()[1]) for axes in grid]
+    labels, legend = set[str]().union(*legends), specification.get("legend", True)
+    crowded = len(panels) > 1 and (len(labels) > _FEW or labels != legends[0])
+    below = bool(labels and legend and (crowded or legend == "below"))
+    if labels and legend and not below:
+        grid[0].legend(frameon=False, fontsize=8)
+    style.head(picture, specification.get("title", ""), below)
     return picture
 
 
@@ -107,7 +114,10 @@ def _rows(layer: Mapping[str, Any], results: Results) -> list[Row]:
         ]
     for name, columns in layer.get("join", {}).items():
         rows = [row | {name: ", ".join(as_text(row[column]) for column in columns)} for row in rows]
-    return where(rows, layer.get("where", {}))
+    rows = where(rows, layer.get("where", {}))
+    for name, words in layer.get("words", {}).items():
+        rows = [row | {name: words.get(as_text(row[name]), row[name])} for row in rows]
+    return rows
 
 
 def _values(rows: Sequence[Row], name: str | None) -> list[Any]:
@@ -119,13 +129,13 @@ def _layer(axes: Any, layer: Mapping[str, Any], panel: _Panel, rows: list[Row]) 
     """Draw the rows of a layer that belong to a panel."""
     kind = layer.get("kind", "lines")
     y = layer["y"] if "layers" in layer and isinstance(layer["y"], str) else panel.y
+    colors = colors_of(_values(rows, layer.get("lines")))  # the same in every panel
     rows = [
         row for row in where(rows, panel.values) if row.get(y, "") != "" and row[layer["x"]] != ""
     ]
     if kind == "heatmap":
         _heatmap(axes, layer, rows, y)
         return
-    colors = colors_of(_values(rows, layer.get("lines")))
     if kind == "bars":
         _bars(axes, layer, rows, y, colors)
         return
@@ -182,7 +192,8 @@ def _bars(
             here = where(series, {layer["x"]: position})
             values = [row[y] for row in here]
             at = places.index(position) - 0.4 + (number + 0.5) * width
-            label = (name or layer.get("label")) if position == places[0] else None
+            label = layer.get("label") if name is None else as_text(name)
+            label = label if position == series[0][layer["x"]] else None
             axes.bar([at], [np.mean(values)], 0.9 * width, color=color, label=label, alpha=0.7)
             if len(values) > 1:
                 axes.plot([at] * len(values), values, ".", color="black", markersize=3)
@@ -208,8 +219,8 @@ def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -
     axes.figure.colorbar(image, ax=axes, shrink=0.7, label=layer.get("zlabel", ""))
 
 
-def _finish(axes: Any, specification: Mapping[str, Any], panel: _Panel, number: int) -> None:
-    """Give a panel its lines, labels, limits, title and legend."""
+def _finish(axes: Any, specification: Mapping[str, Any], panel: _Panel) -> None:
+    """Give a panel its lines, labels, limits and title."""
     light = {"color": "#999999", "linewidth": 0.8, "linestyle": ":"}
     for name, line in (("hline", axes.axhline), ("vline", axes.axvline)):
         if name in specification:
@@ -223,13 +234,10 @@ def _finish(axes: Any, specification: Mapping[str, Any], panel: _Panel, number: 
         value if isinstance(value, str) else f"{name.replace('_', ' ')} {as_text(value)}"
         for name, value in panel.values.items()
     )
-    handles, _ = axes.get_legend_handles_labels()
-    wants_legend = number == 0 and specification.get("legend", True) and handles
     labels = specification.get("ylabels", {})
     style.finish(
         axes,
         title,
-        8 if wants_legend else None,
         xlabel=specification.get("xlabel", specification["x"]),
         ylabel=labels.get(panel.y, specification.get("ylabel", panel.y.replace("_", " "))),
         **{

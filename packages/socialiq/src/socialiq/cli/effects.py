@@ -255,5 +255,5 @@ def effects_figure(rows: list[Row]) -> Any:
             axes.errorbar(places, values, errors, fmt="o-", color=color, label=name)
         axes.axhline(0.0, color="#6e6e6e", linewidth=0.8)
         style.finish(axes, "", xlabel="angle of a dial, degrees", ylabel=label)
-    style.head(figure, "Effects of drivers on others", panels[0], 4)
+    style.head(figure, "Effects of drivers on others", legend=True)
     return figure

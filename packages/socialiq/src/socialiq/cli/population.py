@@ -173,7 +173,7 @@ def population_figure(fleets: list[Row], invasions: list[Row]) -> Any:
         panels[2].plot(places, gains, "o-", color=f"C{number}", label=f"invader of {angle:g}°")
     panels[2].axhline(0.0, color="#6e6e6e", linewidth=0.8)
     style.finish(panels[2], "", xlabel="angle of residents, degrees", ylabel="invader gains, r_env")
-    style.head(figure, "Fleets of dials at one junction", panels[2], 4)
+    style.head(figure, "Fleets of dials at one junction", legend=True)
     return figure
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,12 +22,19 @@ COLORS = {
     "prosocial": "#2166ac",
     "altruistic": "#1b7837",
 }
+SMALLEST = 7.0  # points of text on a page
+PAGE = 7.6  # inches of width of a page of the documentation, which shrinks wider figures
 MARKS = {"baseline": "s", "egoistic": "^", "prosocial": "o", "altruistic": "D"}
 
 
 def figure(width: float, height: float) -> Figure:
     """Return an empty figure of a size in inches."""
     return drawing().Figure(figsize=(width, height), layout="constrained", dpi=110)
+
+
+def smallest(drawing: Figure) -> float:
+    """Return the font size that is `SMALLEST` once a figure is as wide as the page."""
+    return SMALLEST * max(1.0, drawing.get_figwidth() / PAGE)
 
 
 def plain(axes: Any) -> None:
@@ -52,19 +60,29 @@ def finish(axes: Any, title: str = "", legend: int | None = None, **properties: 
     plain(axes)
 
 
-def head(drawing: Figure, title: str, legend_of: Any = None, columns: int = 3) -> None:
-    """Give a figure a title over all panels, and below them the legend of one panel."""
-    drawing.suptitle(title, fontsize=10)
-    if legend_of is not None:
-        handles, labels = legend_of.get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=columns)
+def head(drawing: Figure, title: str, legend: bool = False) -> None:
+    """Give a figure a title over all panels, and below them a legend of all, with its own room."""
+    size = max(10.0, smallest(drawing))
+    letters = int(drawing.get_figwidth() * 72 / (0.52 * size))
+    drawing.suptitle(textwrap.fill(title, letters), fontsize=size)
+    if not legend:
+        return
+    pairs = [zip(*axes.get_legend_handles_labels(), strict=True) for axes in drawing.axes]
+    entries = {label: handle for pair in pairs for handle, label in pair}
+    columns = max(1, letters // (max(map(len, entries)) + 7))
+    drawing.set_figheight(drawing.get_figheight() + 1.5 * size / 72 * -(-len(entries) // columns))
+    place: Any = {"loc": "outside lower center", "ncols": columns, "frameon": False}
+    drawing.legend(list(entries.values()), list(entries), **place)
 
 
 def png(figures: Mapping[str, Figure]) -> dict[str, bytes]:
-    """Rasterise figures to PNG files, without a date so that equal figures are equal bytes."""
+    """Rasterise figures, text legible on a page, to PNG files; equal figures are equal bytes."""
     canvas = drawing("matplotlib.backends.backend_agg").FigureCanvasAgg
+    text_type = drawing("matplotlib.text").Text
     files = {}
     for name, figure in figures.items():
+        for text in figure.findobj(text_type) if figure.get_layout_engine() else ():
+            text.set_fontsize(max(text.get_fontsize(), smallest(figure)))
         buffer = io.BytesIO()
         canvas(figure).print_png(buffer, metadata={"Software": None})
         files[name] = buffer.getvalue()
