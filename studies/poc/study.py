@@ -157,5 +157,7 @@ def pictures(results: Results) -> dict[str, Figure]:
         axes.text(9.3, y, f"thesis: {entry['thesis']}", va="center", fontsize=9, family="monospace")
     axes.set(xlim=(-2.6, 12.2), ylim=(-1.5 * len(policies) + 0.7, 0.8))
     axes.axis("off")
-    axes.set_title("5x5: greedy actions after training on one mixed data set (W wait, G go)")
+    equal = sum(entry["commonest"] == entry["thesis"] for entry in policies.values())
+    title = f"5x5: {equal} of {len(policies)} policies most often act greedily as the thesis prints"
+    axes.set_title(f"{title} (W wait, G go)", fontsize=10)
     return {"fig_6_1": picture}

@@ -214,11 +214,11 @@ FIGURES = {
         (*_STEERED, "shifted_chi2", "clone"),
     ),
     "robust": (
-        (GRID, "regret", "Robust objectives, and the field's learners for mixed quality"),
+        (GRID, "regret", "Robust objectives and the field's learners exceed the margin (dashed)"),
         ("iq_learn", "shifted_chi2", "trimmed", "medians", "ciql", "ril_co", "ileed"),
     ),
     "intersection": (
-        (ROAD, "collision", "The intersection: collisions, means of angles and seeds"),
+        (ROAD, "collision", "Intersection: forged labels that are believed cost collisions"),
         _STEERED,
     ),
 }

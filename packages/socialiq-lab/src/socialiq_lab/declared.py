@@ -42,7 +42,7 @@ KEYS: dict[str, tuple[str, str]] = {
         "name x y",
         "table where split join kind by lines styles each panels error text layers rows python "
         "xlabel ylabel ylabels zlabel rotation xscale yscale xlim ylim limits hline vline diagonal "
-        "legend label color alpha title size columns",
+        "legend label color alpha title size columns words",
     ),
     "view": ("table", "where columns title pivot python"),
 }
