@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
+from socialiq.errors import UserError
 from socialiq.evaluation import road_training
-from socialiq.evaluation.effects import Effects, measure, measuring
+from socialiq.evaluation.effects import PEOPLE, Effects, measure, measuring
 from socialiq.learners import policy_iteration
 from socialiq.learners.settings import check_counts
 from socialiq.nn.class_dial import ClassDial
 from socialiq.statistics.intervals import normal_mean
 from socialiq.types import Ending, Policy, Row
+from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
 from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped
@@ -28,10 +30,6 @@ from socialiq_lab.study import Context, Findings
 
 BLIND = "intersection-dial-clock/iterated.safetensors"
 """Dial of the intersection, which observes the vehicles alone."""
-MEASURES = (
-    "r_env", "delay", "braking", "pedestrian_delay", "pedestrian_encounter", "pedestrian_hit",
-    "collision", "arrival",
-)  # fmt: skip
 ENVIRONMENTS = 256
 RULES = ("go", "gap_3s", "idm")
 
@@ -43,6 +41,7 @@ class Config:
     Training seed 100 and episodes from 90,000,000 on were used in development.
     """
 
+    world: str = "intersection-crosswalk"  # or "intersection-crosswalk-bicycles"
     seeds: tuple[int, ...] = (501, 502, 503, 504, 505)
     angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     class_angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 90.0)
@@ -63,6 +62,7 @@ class Config:
 class Training:
     """Configuration of one dial."""
 
+    world: str
     structure: policy_iteration.DialIterationConfig
     numbers: policy_iteration.IterationHyperparameters
 
@@ -71,6 +71,7 @@ class Training:
 class Driving:
     """Configuration of the episodes of one dial."""
 
+    world: str
     angles: tuple[float, ...]
     class_angles: tuple[float, ...]
     first_episode: int
@@ -81,6 +82,7 @@ class Driving:
 class Shielding:
     """Configuration of the episodes with and without a shield."""
 
+    world: str
     drivers: tuple[str, ...]
     first_episode: int
     episodes: int
@@ -92,7 +94,7 @@ def train(
 ) -> None:
     """Train a dial and write it."""
     structure, labeller, sizes = road_training.of_crosswalks(
-        config.structure, _world(), ENVIRONMENTS
+        config.structure, _world(config.world), ENVIRONMENTS
     )
     trained = policy_iteration.train(
         structure, [config.numbers], [labeller], sizes, callbacks_of(on_progress)
@@ -106,7 +108,7 @@ def drive(
     """Drive a dial at each pair of angles; write (class angle, angle, episode, measure)."""
     (trained,) = inputs.values()
     dial = ClassDial.load(trained / DIAL)
-    driven = _driver(config.first_episode, config.episodes)
+    driven = _driver(config)
     rows = [
         [driven(dial.of_class(class_angle).at(angle)) for angle in config.angles]
         for class_angle in config.class_angles
@@ -119,8 +121,8 @@ def shield(
 ) -> None:
     """Drive each driver without and with a shield; write (driver, shield, episode, measure)."""
     (blind,) = inputs.values()
-    world, rows = _world(), list[Any]()
-    driven = _driver(config.first_episode, config.episodes)
+    world, rows = _world(config.world), list[Any]()
+    driven = _driver(config)
     for name in config.drivers:
         rule = name in world.drivers
         driver, angle = (name, None) if rule else (str(blind / DIAL), float(name))
@@ -129,32 +131,48 @@ def shield(
     np.save(folder / "measures.npy", np.array(rows))
 
 
-def _world() -> Intersection:
-    world = make("intersection-crosswalk")
+def _world(name: str) -> Intersection:
+    world = make(name)
     assert isinstance(world, Intersection)
     return world
 
 
-def _driver(first: int, episodes: int) -> Any:
+def signals_of(world: Intersection) -> tuple[str, ...]:
+    """Return the signals of the people that a world has."""
+    options = world.options
+    if not isinstance(options, CrosswalkOptions):
+        raise UserError(f"no people walk in {world.name}: choose a world with crosswalks")
+    return options.signals
+
+
+def measures_in(name: str) -> tuple[str, ...]:
+    """Return the names of what is measured in a world."""
+    return "r_env", "delay", "braking", *signals_of(_world(name)), "collision", "arrival"
+
+
+def _driver(config: Driving | Shielding) -> Any:
     """Return what drives a policy on seeded episodes, which share the worlds without the ego."""
-    world, seeds = measuring(_world()), np.arange(first, first + episodes)
+    world = measuring(_world(config.world))
+    seeds = np.arange(config.first_episode, config.first_episode + config.episodes)
+    signals = signals_of(world)
     driven = partial(measure, world, seeds=seeds, begun={}, judging=False)
 
     def measured(policy: Policy, **options: Any) -> np.ndarray:
-        return measures_of(driven(policy=policy, **options))
+        return measures_of(driven(policy=policy, **options), signals)
 
     return measured
 
 
-def measures_of(effects: Effects) -> np.ndarray:
-    """Return `MEASURES` of each episode, (episode, measure); a hit is no other collision."""
-    collided, hit = effects.ending == int(Ending.COLLISION), effects.on_foot[:, 2]
+def measures_of(effects: Effects, signals: Sequence[str]) -> np.ndarray:
+    """Return `measures_in` of each episode, (episode, measure); a hit is no other collision."""
+    people = dict(zip(PEOPLE, effects.on_foot.T, strict=True))
+    hit = sum(people[name] for name in signals if name.endswith("_hit"))
     columns = (
         effects.totals.env,
         effects.delay.sum(axis=1),
         effects.braking,
-        *effects.on_foot[:, :3].T,
-        collided & (hit == 0),
+        *(people[name] for name in signals),
+        (effects.ending == int(Ending.COLLISION)) & (hit == 0),
         effects.ending == int(Ending.ARRIVAL),
     )
     return np.column_stack(columns)
@@ -168,44 +186,48 @@ def jobs(config: Config) -> list[Job]:
         states_per_update=config.states_per_update,
     )
     size = {"first_episode": config.first_episode, "episodes": config.episodes}
-    driving = Driving(config.angles, config.class_angles, **size)
+    driving = Driving(config.world, config.angles, config.class_angles, **size)
     listed = [Job("dials/blind", copy_shipped, Shipped(BLIND))]
     for seed in config.seeds:
         numbers = replace(road_training.CROSSWALK_NUMBERS, seed=seed)
-        listed.append(Job(f"training/{seed}", train, Training(structure, numbers), (), 400.0))
+        listed.append(
+            Job(f"training/{seed}", train, Training(config.world, structure, numbers), (), 400.0)
+        )
         listed.append(Job(f"driving/{seed}", drive, driving, (f"training/{seed}",), 60.0))
-    shielding = Shielding(config.shielded, **size, shield=config.shield)
+    shielding = Shielding(config.world, config.shielded, **size, shield=config.shield)
     return [*listed, Job("shields", shield, shielding, ("dials/blind",), 20.0)]
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Return what dials cause at each pair of angles, and drivers with and without a shield."""
+    names = measures_in(config.world)
     runs = [np.load(context.work / f"driving/{seed}/measures.npy") for seed in config.seeds]
     prices = [
         {"class_angle": class_angle, "angle": angle}
-        | measured_row([run[row, column] for run in runs])
+        | measured_row(names, [run[row, column] for run in runs])
         for row, class_angle in enumerate(config.class_angles)
         for column, angle in enumerate(config.angles)
     ]
     driven = np.load(context.work / "shields/measures.npy")
     shields = [
         {"driver": name if name in RULES else f"blind dial at {name}", "shield": seconds}
-        | measured_row([driven[row, column]])
+        | measured_row(names, [driven[row, column]])
         for row, name in enumerate(config.shielded)
         for column, seconds in enumerate((0.0, config.shield))
     ]
+    hits = [name for name in names if name.endswith("_hit")]
     summary = {
-        "largest_hit": max(row["pedestrian_hit"] for row in prices),
-        "largest_hit_of_a_seed": max(row["pedestrian_hit_largest"] for row in prices),
+        "largest_hit": max(row[name] for row in prices for name in hits),
+        "largest_hit_of_a_seed": max(row[f"{name}_largest"] for row in prices for name in hits),
     }
     shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
     return Findings({"prices": prices, "shields": shields}, summary, {DIAL: shipped})
 
 
-def measured_row(runs: Sequence[np.ndarray]) -> Row:
+def measured_row(names: Sequence[str], runs: Sequence[np.ndarray]) -> Row:
     """Return means over training seeds, intervals over episodes, and ranges over seeds."""
     row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
-    for column, name in enumerate(MEASURES):
+    for column, name in enumerate(names):
         values, means = np.mean(runs, axis=0)[:, column], np.mean(runs, axis=1)[:, column]
         row |= normal_mean(name, values)
         row |= {f"{name}_least": float(means.min()), f"{name}_largest": float(means.max())}
