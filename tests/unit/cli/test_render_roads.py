@@ -68,7 +68,7 @@ def test_a_film_has_a_frame_for_each_sub_step(files):
         (["crossing7", "--out", "x.gif"], "choose one of .png"),
         (
             ["merg", "--out", "x.png"],
-            "intersection-crosswalk-90, merge, roundabout, two_way",
+            "intersection-crosswalk-bicycles, merge, roundabout, two_way",
         ),
     ],
 )

@@ -76,7 +76,7 @@ GROUPS = {
 ELSEWHERE = {
     "socialiq-recordings": (
         *(f"data {word}" for word in ("import", "inspect", "conflicts", "world", "demonstrations")),
-        *(f"data {word}" for word in ("census", "predict")),
+        "data census",
         "train practised-dial",
     ),
     "socialiq-lab": ("demo", "sweep", "reproduce", "claims", "bench"),
