@@ -30,8 +30,8 @@ def picture(world: GridWorld, state: State, inches: float = 3.0) -> Figure:
 def filmstrip(
     world: GridWorld, states: Sequence[State], captions: Sequence[str] | None = None
 ) -> Figure:
-    """Draw an episode as a row of pictures, eight to a line; without captions t = 0, 1, ..."""
-    columns = min(8, len(states))
+    """Draw an episode as a row of pictures, four to a line; without captions t = 0, 1, ..."""
+    columns = min(4, len(states))
     rows = -(-len(states) // columns)
     figure = drawing().Figure(figsize=(1.7 * columns, 1.95 * rows), layout="constrained")
     titles = captions or [f"t = {time}" for time in range(len(states))]

@@ -103,7 +103,7 @@ def traffic(axes: Any, scene: Scene, view: View) -> None:
         paper = axes.figure.get_size_inches() * (box.width, box.height)
         metres = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
         per_metre = 72 * float((paper / metres).min())  # points on paper
-        size = max(5.5, 1.9 * per_metre)
+        size = max(7.0, 1.9 * per_metre)
         tall = size / per_metre
         x, y = shapes.beside(pose, 1.2, 1.4, (0.31 * tall * len(text), 0.5 * tall))
         style = {"fontsize": size, "color": shapes.INK, "ha": "center", "va": "center"}
@@ -111,12 +111,12 @@ def traffic(axes: Any, scene: Scene, view: View) -> None:
 
 
 def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | None = None) -> Figure:
-    """Draw scenes as a row of pictures without rewards, five to a line, or one if they are wide.
+    """Draw scenes as a row of pictures without rewards, three to a line, or one if they are wide.
 
     By default the title of a picture is its time.
     """
     ratio = view.frame(scenes[0], strip=True).ratio
-    wide, most = (3.0, 5) if ratio > _LOW else (7.5, 1)
+    wide, most = (3.0, 3) if ratio > _LOW else (7.5, 1)
     columns = min(most, len(scenes))
     rows, high = -(-len(scenes) // columns), round(wide * ratio + 0.2, 2)
     figure = drawing().Figure(figsize=(wide * columns, high * rows), layout="constrained", dpi=DPI)
