@@ -25,8 +25,8 @@ from socialiq.storage import write_atomically
 from socialiq.types import Ending, Policy, Row
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.perception import KNOWN
+from socialiq.worlds.intersection.shifts import SHIFTS
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.shifts import SHIFTS
 from socialiq_lab.intersection import driving, training
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings

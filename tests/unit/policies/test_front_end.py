@@ -29,5 +29,7 @@ def test_a_single_observation_and_one_of_another_length():
     policy = FrontEndPolicy(policies.policy("go"), FRONT_END, 70)
     action, state = policy.predict(np.zeros(70, np.float32))
     assert action.shape == () and state.shape == (1, 9 * 10 + 2)
-    with pytest.raises(UserError, match="takes 70 features, got 71"):
+    with pytest.raises(UserError, match=r"shape \(71,\): this policy takes \(70,\)"):
         policy.predict(np.zeros(71, np.float32))
+    with pytest.raises(UserError, match="holds NaN or infinity"):
+        policy.predict(np.full(70, np.nan, np.float32))

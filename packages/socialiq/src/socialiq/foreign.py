@@ -66,7 +66,7 @@ def optional(module: str, extra: str, needed_by: str, distribution: str = "socia
         ) from error
 
 
-def frame(rows: Sequence[Mapping[str, Any]]) -> Any:
+def data_frame(rows: Sequence[Mapping[str, Any]]) -> Any:
     """Return a table as a data frame of pandas or polars, which is installed, else its rows."""
     for library in ("pandas", "polars"):
         if importlib.util.find_spec(library):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import enum
 import math
 from collections.abc import Callable, Mapping
@@ -118,7 +119,7 @@ class Policy(Protocol):
         ...
 
 
-class Memoryless:
+class Memoryless(abc.ABC):
     """Base class of policies whose actions depend on the observation alone; it writes `choose`."""
 
     def predict(
@@ -141,9 +142,9 @@ class Memoryless:
         """
         return self.choose(observation, deterministic), state
 
+    @abc.abstractmethod
     def choose(self, observation: Any, deterministic: bool, /) -> Any:
         """Return the action for one observation, or the actions for a batch."""
-        raise NotImplementedError
 
 
 class Step(NamedTuple):

@@ -8,8 +8,8 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import FASTER, Options
 from socialiq.worlds.intersection.perception import FrontEnd
+from socialiq.worlds.intersection.shifts import shifts_of
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.shifts import shifts_of
 
 F = 28  # of an ego and three others
 

@@ -63,7 +63,7 @@ def branched_returns(
     now = batch.save()
     copies = batch.branch(np.repeat(np.arange(size), count))
     same = equivalent_actions(now, batch.options)
-    if getattr(batch, "latest", 0):  # an action takes effect at another speed
+    if batch.latency:  # an action takes effect at another speed
         same = np.tile(np.arange(count), (size, 1))
     running = (same == np.arange(count)).ravel() & np.repeat(~now.waiting, count)
     totals: list[np.ndarray] = []

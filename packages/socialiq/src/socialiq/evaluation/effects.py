@@ -31,9 +31,9 @@ from socialiq.worlds.world import Actor
 PEOPLE = tuple(name for names in SIGNALS.values() for name in names)
 """Signals of people on foot and on bicycles."""
 QUANTITIES = (
-    *("delay", "braking", "gap_below_1_s"),
-    *("waiting", "pedestrian_hit", "cyclist_delay", "cyclist_hit"),
-)
+    "delay", "braking", "gap_below_1_s", "waiting", "pedestrian_hit", "cyclist_delay",
+    "cyclist_hit",
+)  # fmt: skip
 """Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
 
 WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego

@@ -163,7 +163,7 @@ def stop_requests() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-class Line:
+class ProgressLine:
     """Progress of a training as one line, of a notebook's cell or a terminal; an `on_report`."""
 
     def __init__(self) -> None:

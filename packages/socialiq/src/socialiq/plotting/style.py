@@ -32,7 +32,7 @@ def figure(width: float, height: float) -> Figure:
     return drawing().Figure(figsize=(width, height), layout="constrained", dpi=110)
 
 
-def smallest(drawing: Figure) -> float:
+def smallest_font(drawing: Figure) -> float:
     """Return the font size that is `SMALLEST` once a figure is as wide as the page."""
     return SMALLEST * max(1.0, drawing.get_figwidth() / PAGE)
 
@@ -62,7 +62,7 @@ def finish(axes: Any, title: str = "", legend: int | None = None, **properties: 
 
 def head(drawing: Figure, title: str, legend: bool = False) -> None:
     """Give a figure a title over all panels, and below them a legend of all, with its own room."""
-    size = max(10.0, smallest(drawing))
+    size = max(10.0, smallest_font(drawing))
     letters = int(drawing.get_figwidth() * 72 / (0.52 * size))
     drawing.suptitle(textwrap.fill(title, letters), fontsize=size)
     if not legend:
@@ -81,8 +81,9 @@ def png(figures: Mapping[str, Figure]) -> dict[str, bytes]:
     text_type = drawing("matplotlib.text").Text
     files = {}
     for name, figure in figures.items():
-        for text in figure.findobj(text_type) if figure.get_layout_engine() else ():
-            text.set_fontsize(max(text.get_fontsize(), smallest(figure)))
+        texts: Any = figure.findobj(text_type) if figure.get_layout_engine() else ()
+        for text in texts:
+            text.set_fontsize(max(text.get_fontsize(), smallest_font(figure)))
         buffer = io.BytesIO()
         canvas(figure).print_png(buffer, metadata={"Software": None})
         files[name] = buffer.getvalue()

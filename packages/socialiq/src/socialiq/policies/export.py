@@ -115,8 +115,8 @@ class _Graph:
         sensed, nodes = n_features - n_features % ROW, self.nodes
         self.nodes = []
         xp = Nodes(self)
-        seen, memory = front_end.see(Node(self, SENSED), Node(self, MEMORY), sensed, xp=xp)
-        self.add("Identity", [seen.name], INPUT)
+        estimate, memory = front_end.see(Node(self, SENSED), Node(self, MEMORY), sensed, xp=xp)
+        self.add("Identity", [estimate.name], INPUT)
         self.nodes += nodes
         chosen = Node(self, self.add("Cast", [ACTIONS], "chosen", to=1))
         after = front_end.decided(memory, xp.shaped(chosen, 1), sensed, xp)

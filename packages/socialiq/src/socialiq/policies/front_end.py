@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq.nn.q_policy import checked_batch, numbers_of
 from socialiq.types import Policy
 from socialiq.worlds.intersection.perception import ROW, Arrays, FrontEnd
 
@@ -34,15 +34,18 @@ class FrontEndPolicy:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose an action for an observation or each of a batch, as `types.Policy`."""
-        rows, features = np.atleast_2d(np.asarray(observation, np.float32)), self.features
-        if rows.shape[1] != self.n_features:
-            raise UserError(f"this policy takes {self.n_features} features, got {rows.shape[1]}")
+        """Choose an action for an observation or each of a batch, as `types.Policy`.
+
+        Raises:
+            UserError: If an observation is nested, has another length or is not finite.
+        """
+        rows = checked_batch(np.atleast_2d(numbers_of(observation)), self.n_features)
+        features = self.features
         memory = self.front_end.memory(len(rows), features) if state is None else state
         if episode_start is not None:
             memory = np.where(np.reshape(episode_start, (-1, 1)), np.float32(0.0), memory)
-        seen, memory = self.front_end.see(rows, memory, features)
-        actions, _ = self.policy.predict(seen, deterministic=deterministic)
+        estimate, memory = self.front_end.see(rows, memory, features)
+        actions, _ = self.policy.predict(estimate, deterministic=deterministic)
         decided = np.reshape(actions, (-1, 1)).astype(np.float32)
         memory = self.front_end.decided(memory, decided, features)
         return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), memory

@@ -22,8 +22,7 @@ from socialiq.worlds.enumerate import GridBatch
 from socialiq.worlds.highway import render, shapes
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.core.people import LENGTH, RADIUS, WAITING, WALKING
-from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
+from socialiq.worlds.intersection.core.people import LENGTH, RADIUS
 from socialiq.worlds.registry import open_world
 from socialiq.worlds.world import World
 
@@ -151,8 +150,6 @@ def _driven(world: World, batch: Any, policy: Policy, seed: int) -> Episode:
             frames.append({number: Place(*place) for number, place in batch.places()})
         else:
             frames += [_of_scene(scene) for scene in render.decision_scenes(batch)]
-            for frame in frames[-batch.options.frames :]:
-                frame |= _people(batch)
     if states:
         table: Any = world.table()
         size = {"length": 0.74 * CELL, "width": 0.44 * CELL}
@@ -165,30 +162,21 @@ def _driven(world: World, batch: Any, policy: Policy, seed: int) -> Episode:
 
 
 def _of_scene(scene: render.Scene) -> Frame:
-    """Return the vehicles of a road of highway-env, whose y points south."""
-    return {
+    """Return vehicles and people of a road of highway-env, whose y points south."""
+    frame = {
         EGO if slot == scene.ego else int(record["identity"]): _place(record)
         for slot, record in enumerate(scene.vehicles)
     }
+    for person in scene.people:
+        wide, long = 2 * RADIUS[person["lane"]], LENGTH[person["lane"]]
+        place = _place(person)._replace(length=wide + long, width=wide)
+        frame[int(person["identity"])] = place
+    return frame
 
 
 def _place(record: Any) -> Place:
     x, y, heading, speed = (float(record[name]) for name in ("x", "y", "heading", "speed"))
     return Place(x, -y, -heading, speed)
-
-
-def _people(batch: Any) -> Frame:
-    """Return people on foot after a decision, where the world has some."""
-    if not isinstance(batch.options, CrosswalkOptions):
-        return {}
-    people = batch.buffers.vehicles[0, batch.options.first_walker :]
-    return {
-        int(person["identity"]): _place(person)._replace(
-            length=2 * RADIUS[person["lane"]] + LENGTH[person["lane"]],
-            width=2 * RADIUS[person["lane"]],
-        )
-        for person in people[np.isin(people["leg"], (WAITING, WALKING))]
-    }
 
 
 def _lanes(world: Any, batch: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -128,11 +128,11 @@ def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
     """
     one_of("world", name, NAMES)
     effects, options = _effects_of(name, options)
-    seen = {} if name in GRIDWORLDS else {key: options.pop(key, "") for key in SENSED}
+    sensed = {} if name in GRIDWORLDS else {key: options.pop(key, "") for key in SENSED}
     chosen = parse_options(name, _kind(name), _implied(name) | options)
     if name in GRIDWORLDS:
         return _grid(_plain(name), chosen, repr(chosen))
-    return intersection.Intersection(chosen, effects).shifted(*seen.values())
+    return intersection.Intersection(chosen, effects).shifted(*sensed.values())
 
 
 def _effects_of(

@@ -112,7 +112,8 @@ class Task:
         static, numbers = command.options.apply(configs, settings)
         runs = command.grid.runs(numbers)
         kind = "dial" if getattr(static, "dial", False) else "policy"
-        folder = shared.RunFolder(command.out, kind, command.options, command.json)
+        labels = getattr(command, "labels", None)  # SAC has no demonstrations
+        folder = shared.RunFolder(command.out, kind, command.options, command.json, labels)
         change = self._standardisation(static, runs[0].seed)
         if change is not None and data is not None:
             data = change.transitions(data)

@@ -123,7 +123,7 @@ class Dial(Printing):
             sizes = (world.n_features, world.n_actions)
             simulator = world if static.online else None
         config.check_fit(static, runs, data, simulator, sizes, collector is not None)
-        folder = shared.RunFolder(self.out, "dial", self.options, self.json)
+        folder = shared.RunFolder(self.out, "dial", self.options, self.json, self.labels)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             options = {"chunk": ASCENT_EVERY if budget else chunk, "before_chunk": collector}
             trained = train(
@@ -323,7 +323,7 @@ class OfflineDial(Printing):
         static, numbers = self.options.apply(configs, settings)
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         new_folder(self.out).rmdir()  # refused now if it has content or can't be made
-        shared.say_notices()
+        self.labels.say()
         with whole_folder(self.out) as folder:
             dials = self.write(folder, static, runs, data)
         return self.show({"out": str(self.out), "dials": dials}, dials)

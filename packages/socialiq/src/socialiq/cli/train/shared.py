@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,8 +36,6 @@ DECIDED = ("angle", "strength", "seed", "dataset", "online", "one_hot")
 """Fields of learners' configs that other options, the data or the world decide."""
 GRID = ("angle", "strength", "seed")
 """Settings in which the runs of a training differ."""
-NOTICES: list[str] = []
-"""Lines on the labels of the demonstrations, for when the training begins."""
 PLURALS = {"policy": "policies", "dial": "dials"}
 """Kinds of policies, and their key in run.json."""
 
@@ -150,6 +148,8 @@ class LabelOptions:
     collector: Path | None = None
     """Public key of who collected the demonstrations, a PEM file: refuse them without its signature
     beside them, FILE.sig, of `collect --key`."""
+    notices: list[str] = field(default_factory=list, init=False)
+    """Lines on what was dropped, or not checked."""
 
     def load_any(self, path: Path | None) -> list[Demonstrations]:
         """Read demonstrations where a file is named; a key of their collector needs one."""
@@ -158,20 +158,24 @@ class LabelOptions:
         return [self.load(path)] if path else []
 
     def load(self, path: Path, continuous: bool = False) -> Demonstrations:
-        """Read demonstrations; what was dropped, or not checked, is said when the training begins.
+        """Read demonstrations; `say` what was dropped, or not checked, when the training begins.
 
-        A call that is refused says its own reason alone.
+        So a call that is refused says its own reason alone.
         """
         key = self.collector
         if key and (fault := fault_of_model(path, path_of_signature(path), key)):
             raise UserError(f"{fault}: ask the collector for the file")
         data = files.load(path, continuous)
-        NOTICES.clear()
         if self.believe_labels:
             return data
         data, line = trusted(data, str(path))
-        NOTICES[:] = [line] if line else []
+        self.notices.extend([line] if line else [])
         return data
+
+    def say(self) -> None:
+        """Say on standard error what of the demonstrations was dropped, or not checked."""
+        for line in self.notices:
+            complain(line)
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,7 @@ class RunFolder:
     kind: str
     options: RunOptions
     as_json: bool
+    labels: LabelOptions | None = None  # of the demonstrations, if there are some
 
     @contextmanager
     def callbacks(self, runs: Sequence[Row], monitor: Any = None) -> Iterator[Callbacks]:
@@ -194,7 +199,8 @@ class RunFolder:
             monitor: Measures the policies after each chunk.
         """
         listeners: list[Callable[[Report], None]] = []
-        say_notices()
+        if self.labels is not None:
+            self.labels.say()
 
         def remove_if_empty(failed: type[BaseException] | None, *_: Any) -> None:
             if failed is not None:
@@ -319,12 +325,6 @@ class RunFolder:
         for failure in trained.failures:
             complain(failure)
         return 1 if trained.failures else 0
-
-
-def say_notices() -> None:
-    """Say on standard error what of the demonstrations was dropped, or not checked."""
-    for line in NOTICES:
-        complain(line)
 
 
 def label(hyperparameters: Any) -> Row:

@@ -85,6 +85,7 @@ class RoadBatch(abc.ABC):
 
     n_actions: int  # of the road, discrete
     faster: int  # action that selects the next higher speed
+    latency = 0  # decisions by which actions may be late
 
     def __init__(
         self,

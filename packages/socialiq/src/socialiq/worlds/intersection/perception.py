@@ -20,7 +20,7 @@ from socialiq.settings import assignments, changed
 from socialiq.worlds.highway.core.vehicle import SPEED_GAIN
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import IDLE, POSITION_RANGE, SPEED_RANGE, Options
-from socialiq.worlds.shifts import Exit, Shift
+from socialiq.worlds.intersection.shifts import Exit, Shift
 
 ROW = len(FEATURES)
 TRACK = ROW + 3  # with the variances of position and velocity, and the decisions unseen

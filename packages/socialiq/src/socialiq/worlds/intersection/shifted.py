@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32
 
-from socialiq.worlds import shifts
 from socialiq.worlds.highway.world import State
+from socialiq.worlds.intersection import shifts
 from socialiq.worlds.intersection.options import IDLE
 from socialiq.worlds.intersection.perception import FrontEnd
+from socialiq.worlds.intersection.shifts import Shift
 from socialiq.worlds.intersection.world import Batch
-from socialiq.worlds.shifts import Shift
 from socialiq.worlds.world import Decisions, rows_of
 
 
@@ -34,10 +34,10 @@ class ShiftedBatch(Batch):
     ) -> None:
         super().__init__(*arguments, **options)
         self._drawn, self._front_end = tuple(choices), front_end
-        self.latest = max(shift.latency for shift in choices)
+        self.latency = max(shift.latency for shift in choices)
         width = (self.options.width,) if self.options.continuous else ()
         still = np.zeros(width, np.float32) if width else np.int64(IDLE)
-        self._queue = np.full((self.size, self.latest, *width), still)
+        self._queue = np.full((self.size, self.latency, *width), still)
         self._key, self._late = np.zeros(self.size, np.uint64), np.zeros(self.size, np.int64)
         self._shown = self.buffers.observation.reshape(self.size, -1).copy()
         self._memory = np.zeros((self.size, 0), np.float32)
@@ -79,7 +79,7 @@ class ShiftedBatch(Batch):
         queue = np.concatenate([self._queue, chosen[:, None].astype(self._queue.dtype)], axis=1)
         self._queue[deciding] = queue[deciding, 1:]
         self._deciding, self._decided = deciding, chosen
-        applied = queue[every, self.latest - self._late]
+        applied = queue[every, self.latency - self._late]
         return super().step(applied.astype(chosen.dtype), auto_reset, rows)
 
     @property
@@ -104,8 +104,8 @@ class ShiftedBatch(Batch):
             if len(self._drawn) > 1:
                 noise = shifts.values_of(self._drawn, "noise", key)
                 known = known[0], noise[:, None].astype(np.float32)
-            seen, self._memory[rows] = front.see(self._shown[rows], memory, features, *known)
-            self._shown[rows] = seen
+            estimate, self._memory[rows] = front.see(self._shown[rows], memory, features, *known)
+            self._shown[rows] = estimate
 
     def _is_late(self, rows: Any = slice(None)) -> Float32[np.ndarray, "row 1"] | None:
         """Whether each episode has latency, where that is drawn."""

@@ -21,7 +21,7 @@ from socialiq.worlds.intersection import options as scenario
 from socialiq.worlds.intersection.crosswalk import CROSSWALK, CrosswalkOptions
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.perception import FrontEnd
-from socialiq.worlds.shifts import OR, Shift, shifts_of
+from socialiq.worlds.intersection.shifts import OR, Shift, shifts_of
 from socialiq.worlds.world import Decisions
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ from socialiq.evaluation.branching import branched_returns
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.worlds import registry, shifts
-from socialiq.worlds.intersection import policies
+from socialiq.worlds import registry
+from socialiq.worlds.intersection import policies, shifts
 from socialiq.worlds.intersection.options import IDLE, Options
 from socialiq.worlds.intersection.shifted import ShiftedBatch
+from socialiq.worlds.intersection.shifts import Shift, shift_of, with_faults
 from socialiq.worlds.intersection.world import Batch, Intersection
-from socialiq.worlds.shifts import Shift, shift_of, with_faults
 
 SEEDS = np.arange(700, 712)
 KEY = shifts.key_of(np.arange(4000))

@@ -1,4 +1,4 @@
-"""Shifts of a road: named changes of what the ego is shown, of when it acts, and of the traffic.
+"""Shifts of the intersection: changes of what the ego is shown, when it acts, and of the traffic.
 
 Faults of observations work on the array of observed vehicles, (batch, rows of 7 numbers), so that
 compiled cores stay as they are. Their random numbers are a hash of the episode, the decision and
