@@ -1,4 +1,4 @@
-"""Update rates of soft actor-critic beside Stable-Baselines3's, on one thread each.
+"""Update rates of soft actor-critic beside Stable-Baselines3's, on one core each by `taskset`.
 
 Both take a step of Pendulum-v1 for each update. Ours acts in rounds of many steps and learns in one
 compiled program; the peer steps and updates in turn. Compilation is not counted. The products of

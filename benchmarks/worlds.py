@@ -21,10 +21,12 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.policies.front_end import FrontEndPolicy
 from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.options import MULTI_AGENT, ContinuousOptions, Options
+from socialiq.worlds.intersection.perception import FrontEnd
 from socialiq.worlds.intersection.world import Batch, Intersection
 from socialiq.worlds.registry import make_fleet, open_world
 
@@ -96,7 +98,7 @@ def run(repeats: int) -> dict[str, Any]:
         **effects_costs(repeats),
         **by_density(repeats),
         **start_up(repeats),
-        "predict_us": statistics.median(predict_microseconds() for _ in range(repeats)),
+        **decisions(repeats),
     }
 
 
@@ -195,15 +197,24 @@ def real_steps_per_second(environment: Any, steps: int = HIGHWAY_STEPS) -> float
     return steps / (time.perf_counter() - begin)
 
 
-def predict_microseconds() -> float:
-    """Microseconds of the shipped dial at 45 degrees for one observation."""
+def decisions(repeats: int) -> dict[str, float]:
+    """Microseconds of the shipped dial at 45 degrees for one observation, and of a front end."""
     policy = DialPolicy.load(DIAL).at(45.0)
+    behind = FrontEndPolicy(policy, FrontEnd(latency=1, track=3), policy.n_features)
     environment = gymnasium.make("socialiq/Intersection-v1", clock=True)
     observation, _ = environment.reset(seed=0)
-    begin = time.perf_counter()
-    for _ in range(SINGLE_STEPS):
-        policy.predict(observation)
-    return 1e6 * (time.perf_counter() - begin) / SINGLE_STEPS
+
+    def microseconds(chooser: Any) -> float:
+        memory, begin = None, time.perf_counter()
+        for _ in range(SINGLE_STEPS):
+            _, memory = chooser.predict(observation, memory)
+        return 1e6 * (time.perf_counter() - begin) / SINGLE_STEPS
+
+    choosers = {"predict_us": policy, "front_end_predict_us": behind}
+    return {
+        name: statistics.median(microseconds(chooser) for _ in range(repeats))
+        for name, chooser in choosers.items()
+    }
 
 
 def vector_steps_per_second(environments: Any) -> float:

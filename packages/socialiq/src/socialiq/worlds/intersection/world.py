@@ -217,7 +217,10 @@ class Intersection(RoadWorld):
         shifts = shifts_of(text)
         changes = [shift.options for shift in shifts]
         if any(change != changes[0] for change in changes):
-            raise UserError("shifts that are drawn by episode must have one road and one traffic")
+            raise UserError(
+                f"shifts between which '{OR.strip()}' stands must have one road and one traffic: "
+                "leave out the others, or name each shift by itself"
+            )
         options = dataclasses.replace(self.options, **changes[0])
         faulty = shifts if any(shift.has_faults for shift in shifts) else ()
         front = FrontEnd.of(front_end, shifts, options) if front_end else self.front_end
