@@ -127,7 +127,7 @@ def _as_traffic(episodes: list[Episode]) -> tuple[list[list[Any]], dict[str, Any
                 if identity not in tracks:
                     tracks[identity] = len(users)
                     size = {"length": place.length, "width": place.width}
-                    users.append({"name": f"seed {seed}", "user": "car"} | size)
+                    users.append({"name": f"seed {seed}"} | size)
             rows = [[tracks[number], *place[:4]] for number, place in frame.items()]
             frames.append([[round(value, 3) for value in row] for row in rows])
         starts = [first + per * number for number in range(len(episode.rewards))]
