@@ -1,5 +1,6 @@
 import contextlib
 import csv
+import dataclasses
 import io
 import itertools
 import json
@@ -9,7 +10,7 @@ import jax
 import numpy as np
 import pytest
 
-from socialiq.cli.commands import COMMANDS
+from socialiq.cli.commands import COMMANDS, command_class
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
@@ -50,6 +51,17 @@ def run(demonstrations, tmp_path_factory):
     ]
     assert main([*arguments, "--seed", "1", "2", "--out", str(out), *TINY]) == 0
     return out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_option_is_an_argument_of_the_command(name):
+    """A field that is no argument would be an option that accepts anything."""
+    classes = [command_class(name)]
+    for kind in classes:
+        for field in dataclasses.fields(kind):
+            assert field.init, f"{kind.__name__}.{field.name}"
+            if dataclasses.is_dataclass(field.default_factory):
+                classes.append(field.default_factory)
 
 
 def test_solve_gives_the_exact_optimum(capsys):

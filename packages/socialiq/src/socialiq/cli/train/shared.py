@@ -3,7 +3,8 @@
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -148,8 +149,11 @@ class LabelOptions:
     collector: Path | None = None
     """Public key of who collected the demonstrations, a PEM file: refuse them without its signature
     beside them, FILE.sig, of `collect --key`."""
-    notices: list[str] = field(default_factory=list, init=False)
-    """Lines on what was dropped, or not checked."""
+
+    @cached_property
+    def notices(self) -> list[str]:
+        """Lines on what was dropped, or not checked; no option, so no field."""
+        return []
 
     def load_any(self, path: Path | None) -> list[Demonstrations]:
         """Read demonstrations where a file is named; a key of their collector needs one."""
