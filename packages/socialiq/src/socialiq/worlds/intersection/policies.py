@@ -25,7 +25,7 @@ CONFLICT_REACH = 9.0  # m around the centre that a crossing vehicle must have le
 SAME_LANE = 1.0  # m to the side of the ego within which a vehicle is on its lane
 
 IDM = scenario.POPULATIONS["highway_env"]
-IDM_EXPONENT = 4.0  # m/s; highway-env draws speeds around it
+IDM_EXPONENT = 4.0
 IDM_GAP = 3.0  # s
 IDM_STEP = 1.0  # s between decisions
 IDM_CONE = 0.17  # of the way ahead, to either side: 10 degrees
