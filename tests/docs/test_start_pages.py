@@ -21,8 +21,10 @@ def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
     for folder in ("results", "examples"):
         Path(folder).symlink_to(ROOT / folder)
     text = "".join((ROOT / "docs" / page).read_text() for page in PAGES)
+    [careful] = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    Path("careful.py").write_text(careful)
     commands = re.findall(r"^\$ socialiq (.*)$", text, re.MULTILINE)
-    assert len(commands) == 15
+    assert len(commands) == 17
     for command in commands:
         words = shlex.split(command)
         lacks_maps = words[:2] == ["data", "conflicts"] and not importlib.util.find_spec("shapely")

@@ -13,7 +13,7 @@ import socialiq
 from socialiq import UserError
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import one_of
-from socialiq.storage import packaged_results
+from socialiq.storage import shipped
 from socialiq.types import Row
 from socialiq_lab import claims
 
@@ -34,8 +34,8 @@ class Claims(Printing):
     Example: socialiq claims --verdict not
     """
 
-    results: Path | None = None
-    """Folder that holds results/STUDY; by default the packaged results."""
+    results: Path = Path("results")
+    """Folder that holds a folder of each STUDY, as that of the checkout."""
     verdict: str = ""
     """Only this verdict: reproduced, adopted (a setting typed in), partly, not or untested."""
     study: str = ""
@@ -43,7 +43,7 @@ class Claims(Printing):
 
     def run(self) -> int:
         """Resolve the values and print."""
-        rows = claims.ledger(self.results or packaged_results())
+        rows = claims.ledger(shipped(self.results))
         if self.verdict:
             one_of("verdict", self.verdict, claims.VERDICTS)
             rows = [row for row in rows if row["verdict"] == self.verdict]

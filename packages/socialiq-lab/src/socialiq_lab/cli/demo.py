@@ -95,7 +95,7 @@ class Demo(Printing):
             "over. The thesis' own learners drive worse here: socialiq reproduce intersection\n"
             "--from results has their figures.\n"
             f"\n{self.out}/intersection.gif shows an episode of the {FILMED}.\n"
-            "Next: socialiq page --out dial-page (turn the dial yourself), socialiq claims (what\n"
-            "of the thesis holds), socialiq train iq-learn --help (your own angle)."
+            "Next, after `. .venv/bin/activate`: socialiq page --out dial-page (turn the dial\n"
+            "yourself), socialiq claims (what of the thesis holds), docs/start.md (your own angle)."
         )
         return 0

@@ -191,7 +191,7 @@ def audit_policy(
     """Audit a policy against its declaration and write the report, as `socialiq audit` does.
 
     Args:
-        policy: A file, "python:MODULE:ATTRIBUTE", "process:COMMAND LINE", atlas:NAME, or at the
+        policy: A file, "python:FILE.py:NAME", "process:COMMAND LINE", atlas:NAME, or at the
             intersection a rule-based driver.
         profile: File of the declaration: the `source` of the result of `declare`.
         out: Folder to write.

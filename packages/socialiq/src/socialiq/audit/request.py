@@ -67,7 +67,7 @@ class Request:
     profile: Path  # file of the declaration
     episodes: int  # of every driver
     seed: int | Nonce | Round | None = None  # what the auditor gives (`origin_of`); None draws it
-    references: tuple[str, ...] = ()  # files, or "python:MODULE:ATTRIBUTE"
+    references: tuple[str, ...] = ()  # files, or "python:FILE.py:NAME"
     soft: bool = False  # whether the policy draws its actions
     trust: Trust = dataclasses.field(default_factory=Trust)
     threads: int = 1  # of the intersection
@@ -164,7 +164,7 @@ def resolve_references(
     """Load the drivers to compare with, and say which are the policy under audit, by its record.
 
     The user's references are files, of which a dial gives several drivers, or
-    "python:MODULE:ATTRIBUTE"; `closing` ends the processes of these. Dials, and the shipped one,
+    "python:FILE.py:NAME"; `closing` ends the processes of these. Dials, and the shipped one,
     are set at the given angles, in degrees. At the intersection the gap rules, and the shipped dial
     and experts that are installed and fit the world, come before the user's.
     """
@@ -269,7 +269,7 @@ def _named(
     if ":" in spec:
         raise UserError(
             f"{one_line(spec)} is not a file: a reference is a policy's file, or "
-            "python:MODULE:ATTRIBUTE"
+            "python:FILE.py:NAME"
         )
     path = Path(spec)
     kind = kind_of(path)

@@ -51,7 +51,7 @@ class Audit(Printing):
     """Audit whether a policy behaves as declared, by comparison with reference drivers.
 
     POLICY is a file (.safetensors of socialiq, .zip of Stable-Baselines3, .onnx), "process:COMMAND
-    LINE", "python:MODULE:ATTRIBUTE", atlas:NAME, or a rule-based driver (go, wait, idm, ...).
+    LINE", "python:FILE.py:NAME", atlas:NAME, or a rule-based driver (go, wait, idm, ...).
 
     Policy and declaration are hashed before the seed is drawn. Exit status: 0 pass, 1 fail, 2 a
     mistake in the call, 3 undecided. `socialiq audit verify DIR` checks a report.
@@ -81,7 +81,7 @@ class Audit(Printing):
     """Keep no audit log; the report says so."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """A further driver to compare with: a file (a dial gives one for every 15 degrees, and for
-    every 5 near the declared angle), or python:MODULE:ATTRIBUTE. In an environment of your own at
+    every 5 near the declared angle), or python:FILE.py:NAME. In an environment of your own at
     least one is needed."""
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
@@ -126,7 +126,8 @@ class Audit(Printing):
         if self.json:
             sys.stdout.write(json.dumps(report, allow_nan=False) + "\n")
             return int(verdict["exit_code"])
-        lines = [f"{verdict['decision'].upper()}: {verdict['reason']}"]
+        decision = verdict["decision"].replace("inconclusive", "not decided").upper()
+        lines = [f"{decision}: {verdict['reason']}"]
         lines += [f"Note: {caveat['text']}" for caveat in report["caveats"]]
         if verdict["needed"]:
             lines.append(f"About {verdict['needed']} episodes would decide.")

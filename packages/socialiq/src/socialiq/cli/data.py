@@ -51,7 +51,7 @@ class Collect(Printing):
 
     In a gridworld the drivers are the egoistic, prosocial and altruistic experts. In an
     environment of your own you name them, each a mode: a policy's file, or
-    python:MODULE:ATTRIBUTE, with NAME= before it if you like. All drive the same episodes.
+    python:FILE.py:NAME, with NAME= before it if you like. All drive the same episodes.
 
     Example: socialiq collect crossing7 --episodes 60 --out mixed.safetensors
     """

@@ -50,7 +50,7 @@ class Evaluate(Printing):
     the mean totals, if all were trained for one angle.
 
     A policy may also be a Stable-Baselines3 zip, an ONNX file, process:COMMAND LINE or
-    python:MODULE:ATTRIBUTE, as for `socialiq audit`; a dial is evaluated at --angle. A world may be
+    python:FILE.py:NAME, as for `socialiq audit`; a dial is evaluated at --angle. A world may be
     an environment of your own too: a Gymnasium id, MODULE:ID or MODULE:FUNCTION.
 
     With --data there is no world: J(α) at 0, 15, ..., 90 degrees is estimated from episodes that

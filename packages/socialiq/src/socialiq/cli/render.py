@@ -136,7 +136,7 @@ class View:
     """Open the page in a browser for a policy, an audit or data of yours.
 
     A policy (a file of socialiq, .zip of Stable-Baselines3, .onnx, "process:COMMAND LINE",
-    python:MODULE:ATTRIBUTE, atlas:NAME or a rule-based driver) drives beside the dial on the same
+    python:FILE.py:NAME, atlas:NAME or a rule-based driver) drives beside the dial on the same
     seeds. Demonstrations of the intersection and episodes of an audit are replayed. Recorded
     traffic (CommonRoad, or a file of `socialiq data import`) plays on its lanes, with its
     conflicts. Without a name, it is the page of `socialiq page`.

@@ -36,13 +36,7 @@ from socialiq.reading import path_of
 from socialiq.storage import kind_of, load_arrays
 from socialiq.worlds.situation import ContextPolicy
 
-KINDS = (
-    "FILE.safetensors",
-    "FILE.zip",
-    "FILE.onnx",
-    "process:COMMAND LINE",
-    "python:MODULE:ATTRIBUTE",
-)
+KINDS = ("FILE.safetensors", "FILE.zip", "FILE.onnx", "process:COMMAND LINE", "python:FILE.py:NAME")
 """Forms of a policy specification."""
 
 MOST_HEADER = 65_536  # characters of a file's header, which goes into reports
@@ -214,8 +208,8 @@ def _load_code(
     is_python = kind == "python"
     if is_python and (isolation is None or not isolation.works) and not allow_code:
         raise UserError(
-            f"{source} would run its author's code with your rights: allow that, or audit it "
-            "as ONNX or isolated by bubblewrap"
+            f"{source} would run its author's code with your rights: allow that with --allow-code "
+            "(allow_code=True), or audit it as ONNX or isolated by bubblewrap"
         )
     if is_python and isolation is None:
         policy, text = _read_callable(words, source, world)
