@@ -14,7 +14,7 @@ from tests.extras.recorded_world.test_audit import waiting
 
 from socialiq.cli.main import main, parse
 
-PAGE = Path(__file__).parents[3] / "docs" / "recorded-ind.md"
+PAGE = Path(__file__).parents[3] / "docs" / "recordings.md"
 
 
 def test_every_command_of_the_page_parses():
