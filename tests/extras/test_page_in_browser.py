@@ -1,7 +1,12 @@
 """The page in a real browser: the dial, the clock, links, runs in the background, driving."""
 
+import base64
+import re
+import urllib.parse
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.extras.browsers import PATIENCE, needs_browser, watched_tab
 
@@ -210,7 +215,7 @@ def test_one_of_three_cars_is_as_sold(tab, address):
 def test_nothing_is_wider_than_the_window(tab, address, width):
     tab.set_viewport_size({"width": width, "height": 900})
     go(tab, address, "#step=30")
-    for name in ("story", "drive", "sold", "turn", "grid", "fleet", "people", "about"):
+    for name in ("story", "drive", "sold", "turn", "grid", "fleet", "people", "late", "about"):
         tab.click(f"#tab-{name}")
         assert tab.evaluate("document.documentElement.scrollWidth") <= width, name
 
@@ -237,8 +242,50 @@ def test_a_link_shows_an_altruist_that_obstructs_people(tab, address):
     waited = [float(text.split()[4]) for text in (first, second)]
     assert waited[0] > 20 > 5 > waited[1]
     assert first.endswith("still waiting after 20 s") and "it arrives" in second
-    film = "people.scenes[0].film.frames[100].people"
+    film = "people.shown[0].film.frames[100].people"
     assert tab.evaluate(f"new Set({film}.map(({{ kind }}) => kind)).size") == 2
+
+
+def test_a_link_shows_a_car_that_collides_only_a_second_late(tab, address):
+    go(tab, address, "#tab=late")
+    captions = tab.locator("#late-stages .caption")
+    on_time, late = captions.all_inner_texts()
+    assert "arrives" in on_time and "collides" in late
+    tab.evaluate("late.clock.seek(35)")
+    assert captions.all_inner_texts() == ["brakes", "wants to brake: nothing happens yet"]
+    said = " ".join(tab.inner_text("#late-shares").split())
+    assert "on time 1 %" in said and "late 36 %" in said and said.endswith("ahead 3 %.")
+    tab.check("#late-front")
+    assert "arrives" in captions.nth(1).inner_text()
+    tab.uncheck("#late-front")
+    with tab.expect_navigation(wait_until="commit"):
+        tab.click("#late-try")
+    tab.wait_for_selector("html[data-ready]", state="attached")
+    assert tab.input_value("#latency") == "1" and tab.inner_text("#latency-said") == "1 s"
+    tab.evaluate("twins.clock.seek(twins.clock.end)")
+    assert said_at(tab, 0).startswith("collides")
+    tab.focus("#latency")
+    tab.keyboard.press("Home")
+    tab.evaluate("twins.clock.seek(twins.clock.end)")
+    assert said_at(tab, 0).startswith("arrives")
+
+
+def test_faults_are_kept_in_the_address_and_reach_the_background(tab, address):
+    go(tab, address, "#angles=45&step=1&seed=3")
+    shares = []
+    for key in ("Home", "End"):
+        tab.focus("#latency")
+        tab.keyboard.press(key)
+        assert tab.locator("#rates tr").count() == 0
+        tab.click("#run")
+        tab.wait_for_selector("#rates tr")
+        shares.append(tab.locator("#rates td").nth(1).inner_text().split("\n")[0])
+    assert float(shares[0].removesuffix(" %")) < 5 < 20 < float(shares[1].removesuffix(" %"))
+    tab.check("#front")
+    tab.wait_for_url(lambda url: "latency=2&unseen=0&noise=0&front=1" in url, wait_until="commit")
+    tab.reload(wait_until="commit")
+    tab.wait_for_selector("html[data-ready]", state="attached")
+    assert tab.is_checked("#front") and tab.input_value("#latency") == "2"
 
 
 def test_three_fleets_are_counted_as_they_drive(tab, address):
@@ -288,3 +335,48 @@ def test_without_webassembly_it_says_so(browser, address):
     tab.wait_for_selector("#fault:not([hidden])", timeout=PATIENCE)
     assert "no WebAssembly" in tab.inner_text("#fault")
     tab.close()
+
+
+def truncated(dial):
+    return dial[:-1000]
+
+
+def not_a_number(dial):
+    return dial[:-4] + np.float32("nan").tobytes()
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (truncated, "this is no file of socialiq, or it is damaged: choose another one"),
+        (not_a_number, "weights that are no finite numbers: train or choose another one"),
+    ],
+)
+def test_a_dial_that_is_damaged_in_the_page_is_refused_in_one_line(
+    browser, address, tmp_path, fault, said
+):
+    text = open_page(address)
+    dial = re.search(r'"dial":"([^"]+)"', text)[1]
+    wrong = base64.b64encode(fault(base64.b64decode(dial))).decode()
+    message = message_of(browser, tmp_path, text.replace(dial, wrong))
+    assert message.endswith(said)
+
+
+def test_a_page_of_which_the_end_is_missing_names_the_remedy(browser, address, tmp_path):
+    text = open_page(address)
+    message = message_of(browser, tmp_path, text[: len(text) // 2])
+    assert message.endswith("its file is incomplete: fetch or write it again.")
+
+
+def open_page(address):
+    return Path(urllib.parse.urlparse(address).path).read_text()
+
+
+def message_of(browser, folder, text):
+    """The one line that a page shows in place of its parts."""
+    (folder / "index.html").write_text(text)
+    tab = browser.new_page()
+    tab.goto((folder / "index.html").as_uri(), wait_until="load", timeout=PATIENCE)
+    (message,) = tab.locator(".fault:visible").all_inner_texts()
+    tab.close()
+    return message

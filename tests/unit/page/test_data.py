@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.exact import Optimum
-from socialiq.page.data import ANGLES, STORY_SEED, crossing, story
+from socialiq.page.data import ANGLES, STORY_SEED, crossing, late_shares, story
 from socialiq.social.angle import exact_weights
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
@@ -65,3 +65,7 @@ def test_the_price_of_the_story_is_that_of_the_docs():
     assert delays == [[4, 3, 2, 3, 3, 3, 4], [5, 4, 3, 3, 5, 17, 58]]
     assert caused["points"][0]["kept"] == 1.0 and 0.88 < caused["points"][-1]["kept"] < 0.89
     assert story(shipped=False) == {"main": 0, "other": None, "seed": STORY_SEED, "price": []}
+
+
+def test_the_shares_of_collisions_by_latency_are_those_of_the_docs():
+    assert late_shares() == [0.008, 0.355, 0.03]

@@ -26,18 +26,25 @@ def test_rates_of_few_episodes_are_what_was_counted():
     assert row["per_minute_low"] <= row["per_minute"] <= row["per_minute_high"]
 
 
+def rates_on_page():
+    columns = fleet_data(measured=True)["rates"]
+    return [
+        dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
+    ]
+
+
 def test_every_dial_was_measured_with_every_number_of_cars():
-    rates = fleet_data(measured=True)["rates"]
+    rates = rates_on_page()
     measured = {(row["dial"], row["angle"], row["count"]) for row in rates}
     assert len(measured) == len(rates) == len(DIALS) * 7 * len(COUNTS)
     assert {row["angle"] for row in rates} <= {*map(float, ANGLES)}
     assert max(COUNTS) == OPTIONS.agents
-    assert fleet_data(measured=False)["rates"] == []
+    assert fleet_data(measured=False)["rates"] == {}
 
 
 @pytest.mark.slow
 def test_a_committed_rate_is_what_the_command_measures():
-    rates = fleet_data(measured=True)["rates"]
+    rates = rates_on_page()
     (row,) = [row for row in rates if (row["dial"], row["angle"], row["count"]) == (2, 45.0, 8)]
     dial = DialPolicy.load(packaged_results() / DIALS[2])
     again = rates_of(dial, 45.0, 8, np.arange(1, row["episodes"] + 1))

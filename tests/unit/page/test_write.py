@@ -7,6 +7,7 @@ import json
 import re
 
 import jax
+import numpy as np
 import pytest
 
 from socialiq.cli.main import main
@@ -117,6 +118,17 @@ def damaged(path):
     path.write_bytes(content)
 
 
+def truncated(path):
+    path.write_bytes(DIAL.read_bytes()[:-1000])
+
+
+def not_a_number(path):
+    dial = DialPolicy.load(DIAL)
+    weights = (dial.turned.weights[0] * np.float32("nan"), *dial.turned.weights[1:])
+    turned = dataclasses.replace(dial.turned, weights=weights)
+    dataclasses.replace(dial, turned=turned).save(path)
+
+
 def another_range(path):
     dataclasses.replace(DialPolicy.load(DIAL), low=100.0, high=120.0).save(path)
 
@@ -130,6 +142,8 @@ def no_dial(path):
     [
         (other_world, "takes 5 features and 4 actions"),
         (damaged, "damaged"),
+        (truncated, "is damaged or not a dial file: restore it or make it again"),
+        (not_a_number, "has a weight that is not a finite number: make the file again"),
         (another_range, "the page turns from 0 to 90"),
         (no_dial, "dial"),
         (lambda path: path.mkdir(), "is a folder"),

@@ -20,6 +20,7 @@ from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.view import OneHot, View
 from socialiq.reading import read_bytes
+from socialiq.results_folder import from_csv
 from socialiq.social.angle import angle_of, exact_weights, score
 from socialiq.storage import open_csv, packaged_results
 from socialiq.types import Ending
@@ -108,6 +109,9 @@ CAUSED_STUDY = "caused-effects"
 
 FAMILY, SEED = "iterated", 60
 """Dials improved by policy iteration; the training seed of the one beside the tables."""
+
+SHIFT_STUDY = "compare-shifts"
+"""Folder of the results with what the dial does when its actions are late."""
 
 _PRICED = {"caused": "what it causes", "eq_4_2": "what happens near it"}
 
@@ -232,6 +236,26 @@ def story(shipped: bool) -> dict[str, Any]:
         ]
         price.append({"name": name, "place": 1 - place, "points": points})
     return {"main": 1, "other": 0, "seed": STORY_SEED, "price": price}
+
+
+def late_shares() -> list[float]:
+    """Return the shares of collisions of the shipped dial at 45 degrees by its latency.
+
+    Returns:
+        On time, one decision late, and one decision late with a front end.
+
+    Raises:
+        UserError: If the package was installed without the committed results.
+    """
+    rows = from_csv(packaged_results() / SHIFT_STUDY / "compared.csv")
+    on_time, late = (
+        next(row for row in rows if (row["shift"], row["angle"]) == (shift, 45.0))
+        for shift in ("none", "late")
+    )
+    return [
+        on_time["dial_collision"],
+        *(late[name] for name in ("dial_collision", "dial_front_collision")),
+    ]
 
 
 def _interval(mean: float, deviation: float, episodes: int) -> tuple[float, float, float]:

@@ -32,7 +32,8 @@ def fleet_data(measured: bool) -> dict[str, Any]:
         UserError: If the package was installed without the committed results.
     """
     rows = from_csv(packaged_results() / RATES) if measured else []
-    rates = [{name: row[name] for name in row if "arrival" not in name} for row in rows]
+    names = [name for name in (rows[0] if rows else ()) if "arrival" not in name]
+    rates = {name: [row[name] for row in rows] for name in names}  # columns: each name once
     alone = layout(Options())
     several = {name: value for name, value in layout(OPTIONS).items() if value != alone[name]}
     return {"layout": several, "counts": COUNTS, "rates": rates}

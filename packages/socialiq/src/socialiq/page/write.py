@@ -14,6 +14,7 @@ from socialiq.page.data import (
     caused_dial,
     crossing,
     fleet_dial,
+    late_shares,
     shipped_dial,
     story,
 )
@@ -29,11 +30,12 @@ START = "page"
 
 _IMPORT = re.compile(r'^import \{ ([^}]+) \} from "((?:\.\.?/)(?:[\w./]+/)?(\w+)\.js)";$', re.M)
 _COMMENT = re.compile(r"^ *(?:/\*\*.*?\*/|//[^\n]*)\n", re.M | re.S)
+_INDENT = re.compile(r"^ +", re.M)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.M)
 
 
 def program(start: str = START, folder: Path = ASSETS) -> str:
-    """Return a program: a script of a folder with every script that it needs, without comments.
+    """Return a program: a script of a folder with every script that it needs, bare of comments.
 
     Scripts of several folders have different names, here without `.js`.
     """
@@ -45,7 +47,8 @@ def program(start: str = START, folder: Path = ASSETS) -> str:
         source = path.read_text(encoding="utf-8")
         for _, target, _ in _IMPORT.findall(source):
             add(path.parent / target)
-        source, names = _COMMENT.sub("", source), ", ".join(_EXPORT.findall(source))
+        source = _INDENT.sub("", _COMMENT.sub("", source))
+        names = ", ".join(_EXPORT.findall(source))
         body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
         text = f"const script_{path.stem} = (() => {{\n{body}return {{ {names} }};\n}})();"
         sources[path.stem] = text
@@ -89,6 +92,7 @@ def page(dial: PageDial | None = None) -> str:
         "fleet": fleet_data(measured=dial is None),
         "story": story(shipped=dial is None),
         "people": people_data(),
+        "late": [] if dial else late_shares(),
     }
     style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
     allowed = policy(script, style)
@@ -109,7 +113,7 @@ def page(dial: PageDial | None = None) -> str:
 def framed(header: str, body: str, blocks: Mapping[str, str]) -> str:
     """Return a page's HTML: the frame around a header and a body, with each block in its place."""
     text = (ASSETS / "frame.html").read_text(encoding="utf-8")
-    text = text.replace("{header}", header).replace("{body}", body)
+    text = _INDENT.sub("", text.replace("{header}", header).replace("{body}", body))
     return re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], text)
 
 

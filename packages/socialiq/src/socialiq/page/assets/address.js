@@ -1,9 +1,9 @@
 // Everything shown, in the address after #, so that a link restores it.
 
-const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90], dial: [0, 1], fleet: [0, 90], trained: [0, 2], chapter: [0, 5] };
-const WORDS = { view: ["side", "ghosts"], tab: ["story", "drive", "sold", "turn", "grid", "fleet", "people", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
+const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90], dial: [0, 1], fleet: [0, 90], trained: [0, 2], chapter: [0, 5], latency: [0, 2], unseen: [0, 50], noise: [0, 5], front: [0, 1] };
+const WORDS = { view: ["side", "ghosts"], tab: ["story", "drive", "sold", "turn", "grid", "fleet", "people", "late", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
 
-export const FIRST = { seed: 1, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "story", speed: "1", grid: 45, dial: 0, fleet: 45, trained: 2, chapter: 0 };
+export const FIRST = { seed: 1, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "story", speed: "1", grid: 45, dial: 0, fleet: 45, trained: 2, chapter: 0, latency: 0, unseen: 0, noise: 0, front: 0 };
 
 /** Return the text after # for a state. */
 export function writeAddress(state) {

@@ -1,5 +1,7 @@
 // Many episodes without pictures: rates and means of an angle, and seeds where angles differ.
 
+import { shifted } from "./shifts.js";
+
 const ROWS = 50; // episodes side by side
 
 /** Return what the episodes of some seeds were worth: `{ seed, env, social, ending, decisions }`. */
@@ -14,6 +16,7 @@ export function episodesOf(core, network, seeds) {
 function together(core, network, seeds) {
   const { none } = core.layout.endings;
   const rows = seeds.map((seed) => ({ seed, env: 0, social: 0, ending: none, decisions: 0 }));
+  const drivers = seeds.map((seed) => network.of(seed));
   for (let row = 0; row < core.rows; row += 1) {
     if (row < rows.length) core.begin(row, seeds[row]);
     else core.skip(row);
@@ -22,7 +25,7 @@ function together(core, network, seeds) {
   while (rows.some((one) => one.ending === none)) {
     const deciding = rows.map((one) => one.ending === none);
     rows.forEach((one, row) => {
-      if (deciding[row]) core.decide(row, network.decide(core.observation(row), one.decisions));
+      if (deciding[row]) core.decide(row, drivers[row].decide(core.observation(row), one.decisions));
       else core.skip(row);
     });
     core.run();
@@ -75,7 +78,7 @@ export function differing(byAngle, most) {
   return apart.sort((one, other) => other.apart - one.apart || one.seed - other.seed).slice(0, most);
 }
 
-/** Answer the page's messages in a worker: `{ angles, first, count }` to episodes of each angle. */
+/** Answer the page's messages in a worker: `{ angles, first, count, shift }` to episodes of each angle. */
 export function answer(open) {
   let opened;
   self.onmessage = ({ data }) => {
@@ -84,7 +87,7 @@ export function answer(open) {
       else {
         const { core, dial } = opened;
         const seeds = Array.from({ length: data.count }, (_, number) => data.first + number);
-        const found = data.angles.map((angle) => episodesOf(core, dial.at(angle), seeds));
+        const found = data.angles.map((angle) => episodesOf(core, shifted(dial.at(angle), data.shift), seeds));
         self.postMessage({ number: data.number, found });
       }
     } catch (error) {

@@ -92,7 +92,8 @@ export class Recorder {
 /** Return the film of a seed driven by a network. */
 export function filmOf(recorder, network, seed) {
   const film = recorder.begin(seed);
-  while (recorder.decide(network.decide(recorder.observation, film.decisions.length)));
+  const driver = network.of(seed);
+  while (recorder.decide(driver.decide(recorder.observation, film.decisions.length)));
   return film;
 }
 

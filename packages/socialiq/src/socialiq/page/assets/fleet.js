@@ -68,7 +68,7 @@ export class Fleets {
    * @param {object} state Of `address.readAddress`; its `fleet` is the angle, `trained` the number of the dial.
    */
   constructor(parts, state) {
-    Object.assign(this, parts, { state, opened: [] });
+    Object.assign(this, parts, { state, opened: [], rates: rowsOf(parts.rates) });
     this.find = (name) => document.getElementById(`fleet-${name}`);
     this.clock = new Transport(this.layout.frames / this.layout.decision_seconds, () => this.moved());
     [this.range] = this.dials.map(({ range }) => range);
@@ -205,6 +205,12 @@ export class Fleets {
     else this.start();
     return true;
   }
+}
+
+/** Return the rows of a table that is given by its columns. */
+function rowsOf(columns) {
+  const names = Object.keys(columns);
+  return (columns.dial ?? []).map((_, number) => Object.fromEntries(names.map((name) => [name, columns[name][number]])));
 }
 
 /** Return the measured rows of one dial at the angle nearest to this one, by count. */

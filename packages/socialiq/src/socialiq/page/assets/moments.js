@@ -52,9 +52,10 @@ const cars = (count) => (count === 1 ? "a car" : `${count} cars`);
 /**
  * Return what to say of a film beside another of the same seed.
  *
+ * @param {[number, string][]} more Frames at which something else is said.
  * @returns {{at: (frame: number) => string, summary: string}} The caption at a frame, and one sentence of the whole.
  */
-export function momentsOf(film, beside, layout) {
+export function momentsOf(film, beside, layout, more = []) {
   const rate = layout.frames / layout.decision_seconds;
   const [mine, theirs] = [crossingTimes(film), crossingTimes(beside)];
   const [hard, spared] = [hardBrakings(film), hardBrakings(beside)];
@@ -62,7 +63,7 @@ export function momentsOf(film, beside, layout) {
   const passed = [...mine.others].filter(([identity, when]) => when < mine.ego && (theirs.others.get(identity) ?? Infinity) > theirs.ego);
   const stands = standing(film, mine.ego);
   const seconds = (frames) => `${Math.round(frames / rate)} s`;
-  const said = [[0, ""]];
+  const said = [[0, ""], ...more];
   if (stands && stands[1] - stands[0] >= rate) said.push([stands[0], "waits"]);
   passed.sort((first, second) => first[1] - second[1]).forEach(([, when], number) => said.push([when, `lets ${cars(number + 1)} pass`]));
   if (mine.ego < Infinity) said.push([mine.ego, "goes"]);

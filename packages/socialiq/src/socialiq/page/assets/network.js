@@ -67,6 +67,11 @@ class Network {
     this.input = new Float64Array(view.width);
   }
 
+  /** Return the driver of an episode: itself, as it remembers nothing. */
+  of() {
+    return this;
+  }
+
   /** Return Q of each action. The time, a number of decisions, is read by a dial with a clock. */
   values(observation, time = 0) {
     this.view.write(observation, time, this.input);

@@ -8,14 +8,15 @@ import { Driving } from "./driving.js";
 import { answer } from "./episodes.js";
 import { Recorder } from "./film.js";
 import { Fleets } from "./fleet.js";
+import { lateTab } from "./late.js";
 import { dialOf } from "./network.js";
 import { UserError } from "./safetensors.js";
 import { Sold } from "./sold.js";
-import { People } from "./people.js";
+import { peopleTab } from "./people.js";
 import { Story } from "./story.js";
 import { Twins } from "./twins.js";
 
-const TABS = ["story", "drive", "sold", "turn", "grid", "fleet", "people", "about"];
+const TABS = ["story", "drive", "sold", "turn", "grid", "fleet", "people", "late", "about"];
 const NARROW = 640; // CSS pixels below which twins share one scene, unless a link says otherwise
 
 /** Return the core with some rows, and the dial, from the page's data. */
@@ -61,8 +62,8 @@ function showTab(name, state) {
   }
 }
 
-function listen({ story, twins, driving, crossing, fleets, people }, state) {
-  const parts = { story, turn: twins, drive: driving, grid: crossing, fleet: fleets, people };
+function listen({ story, twins, driving, crossing, fleets, people, late }, state) {
+  const parts = { story, turn: twins, drive: driving, grid: crossing, fleet: fleets, people, late };
   const tabs = TABS.map((name) => document.getElementById(`tab-${name}`));
   tabs.forEach((tab, number) => {
     tab.addEventListener("click", () => show(TABS[number]));
@@ -77,14 +78,14 @@ function listen({ story, twins, driving, crossing, fleets, people }, state) {
   });
   function show(name) {
     twins.clock.pause();
-    for (const part of [story, driving, fleets, people]) part.pause();
+    for (const part of [story, driving, fleets, people, late]) part.pause();
     showTab(name, state);
     window.history.replaceState(null, "", writeAddress(state));
     parts[name]?.show();
   }
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("input, select, textarea") || event.metaKey || event.ctrlKey || event.altKey) return;
-    const keys = { story: () => story.key(event), drive: () => driving.key(event), turn: () => keyOf(event, twins), grid: () => crossing.key(event), fleet: () => fleets.key(event), people: () => people.key(event) };
+    const keys = { story: () => story.key(event), drive: () => driving.key(event), turn: () => keyOf(event, twins), grid: () => crossing.key(event), fleet: () => fleets.key(event), people: () => people.key(event), late: () => late.key(event) };
     if (keys[state.tab]?.()) event.preventDefault();
   });
   window.addEventListener("hashchange", () => window.location.reload());
@@ -154,14 +155,15 @@ function start() {
     const story = new Story({ layout: data.layout, recorder: recorder(), dials, story: data.story, colours: parts.colours }, state);
     story.show();
     const crossed = { ...data.layout, ...data.people.layout };
-    const people = new People({ ...data.people, layout: crossed, recorder: () => recorder(crossed), colours: parts.colours });
-    people.show();
-    listen({ story, twins, driving, crossing, fleets, people }, state);
+    const people = peopleTab({ ...data.people, layout: crossed, recorder: () => recorder(crossed), colours: parts.colours });
+    const late = lateTab({ layout: data.layout, dial: dialOf(dials[0].bytes()), shares: data.late, recorder, colours: parts.colours, state });
+    for (const part of [people, late]) part.show();
+    listen({ story, twins, driving, crossing, fleets, people, late }, state);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (state.tab === "turn" && state.step === FIRST.step && !still) twins.clock.play();
     document.documentElement.dataset.ready = "yes";
     performance.mark("ready");
-    Object.assign(window, { story, sold, twins, driving, crossing, fleets, people }); // for tests and the curious
+    Object.assign(window, { story, sold, twins, driving, crossing, fleets, people, late }); // for tests and the curious
   } catch (error) {
     fail(error instanceof UserError ? error.message : `This page can't start: ${error.message}`);
   }

@@ -1,5 +1,6 @@
 // Vehicles on the road: who yields, who brakes because of the ego, and where it went wrong.
 
+import { element } from "./bars.js";
 import { NEAR, inMetres, roadPicture, viewOf } from "./road.js";
 
 const BRAKING = -1.5; // m/s² from which brake lights are on
@@ -190,6 +191,16 @@ export class Stage {
     context.arc(x, y, 4, 0, 2 * Math.PI);
     context.stroke();
   }
+}
+
+/** Return a picture with a title above and a caption below, read aloud if it is `live`: `{ canvas, caption, figure, stage }`. */
+export function staged({ title, place, live = false }, label, layout, extent) {
+  const [canvas, caption] = [element("canvas", {}), element("p", { className: "caption" })];
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", label);
+  if (live) caption.setAttribute("aria-live", "polite");
+  const figure = element("figure", { className: `stage twin-${place}` }, element("figcaption", {}, element("strong", { textContent: title })), canvas, caption);
+  return { canvas, caption, figure, stage: new Stage(canvas, layout, extent) };
 }
 
 function body(context, length, width) {

@@ -1,12 +1,11 @@
 // The first tab: one question, then five steps, each with one control and one sentence.
 
 import { keepAddress } from "./address.js";
-import { element } from "./bars.js";
 import { filmOf, outcomeOf, sceneAt } from "./film.js";
 import { Knob } from "./knob.js";
 import { dialOf } from "./network.js";
 import { Price } from "./price.js";
-import { Stage } from "./scene.js";
+import { staged } from "./scene.js";
 import { crossingTimes, hardBrakings, momentsOf } from "./moments.js";
 import { Transport } from "./transport.js";
 
@@ -206,14 +205,8 @@ export class Story {
   }
 
   sceneOf({ title, place, film, beside }) {
-    const canvas = element("canvas", {});
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `Crossing seen from above, ${title}: the car ${outcomeOf(film, this.layout)}`);
-    const said = element("p", { className: "caption" });
-    said.setAttribute("aria-live", "polite");
-    const figure = element("figure", { className: `stage twin-${place}` }, element("figcaption", {}, element("strong", { textContent: title })), canvas, said);
-    const moments = momentsOf(film, beside, this.layout);
-    return { film, place, canvas, said, figure, moments, hard: hardBrakings(film), spared: hardBrakings(beside), stage: new Stage(canvas, this.layout) };
+    const label = `Crossing seen from above, ${title}: the car ${outcomeOf(film, this.layout)}`;
+    return { film, place, moments: momentsOf(film, beside, this.layout), hard: hardBrakings(film), spared: hardBrakings(beside), ...staged({ title, place, live: true }, label, this.layout) };
   }
 
   /** What came of the visitor's choice, beside the other two, once it is seen. */
@@ -233,14 +226,14 @@ export class Story {
     if (document.getElementById("story").hidden) return;
     const { clock } = this;
     const colours = this.colours();
-    for (const { film, place, said, moments, hard, spared, stage } of this.scenes) {
+    for (const { film, place, caption, moments, hard, spared, stage } of this.scenes) {
       stage.fit(colours);
       const { vehicles, frame } = sceneAt(film, clock.time);
       const braking = new Set([...hard].filter(([identity, [from, to]]) => !spared.has(identity) && frame >= from && frame <= to + this.layout.frames).map(([identity]) => identity));
       const braked = new Set([...hard].filter(([identity, [from]]) => !spared.has(identity) && frame >= from).map(([identity]) => identity));
       stage.draw(vehicles, { letter: "", colour: colours.twins[place], braking, braked, near: false }, []);
       const text = moments.at(frame);
-      if (said.textContent !== text) said.textContent = text;
+      if (caption.textContent !== text) caption.textContent = text;
     }
     if (this.answer !== undefined) this.tell();
     this.find("again").textContent = clock.playing ? "Pause" : "Play again";

@@ -7,11 +7,13 @@ import { differing, summaryOf } from "./episodes.js";
 import { decisionAt, filmOf, outcomeOf, sceneAt, sumsOf } from "./film.js";
 import { Knob } from "./knob.js";
 import { Stage } from "./scene.js";
+import { shifted } from "./shifts.js";
 import { Transport } from "./transport.js";
 
 export const LETTERS = ["A", "B", "C"];
 const BACKGROUND = 500; // episodes of a run in the background
 const SEARCHED = 150; // seeds among which those that differ most are looked for
+const FAULTS = { latency: "s", unseen: "%", noise: "m" }; // sliders, with their units
 const MOST_SEED = 2 ** 53 - 1;
 
 export class Twins {
@@ -51,6 +53,31 @@ export class Twins {
     on("run", "click", () => this.runEpisodes());
     on("ghosts", "change", (event) => { this.state.view = event.target.checked ? "ghosts" : "side"; this.arrange(); });
     on("third", "click", () => this.toggleThird());
+    for (const name of Object.keys(FAULTS)) on(name, "input", ({ target }) => this.fault({ [name]: Number(target.value) }));
+    on("front", "change", ({ target }) => this.fault({ front: Number(target.checked) }));
+  }
+
+  /** The faults under which the twins drive. */
+  get shift() {
+    const { latency, unseen, noise, front } = this.state;
+    return { latency, unseen: unseen / 100, noise, front: Boolean(front) };
+  }
+
+  /** Drive with other faults, of which nothing has been measured yet. */
+  fault(changed) {
+    Object.assign(this.state, changed);
+    this.measured.clear();
+    this.refilm();
+  }
+
+  showFaults() {
+    for (const [name, unit] of Object.entries(FAULTS)) {
+      const words = `${this.state[name]} ${unit}`;
+      this.find(name).value = this.state[name];
+      this.find(name).setAttribute("aria-valuetext", words);
+      this.find(`${name}-said`).textContent = words;
+    }
+    this.find("front").checked = Boolean(this.state.front);
   }
 
   /** Build what depends on the number of twins and the view, then film and show. */
@@ -130,7 +157,8 @@ export class Twins {
 
   /** Drive the seed again at every angle; it takes a few milliseconds. */
   refilm() {
-    this.films = this.twins.map(({ angle }) => filmOf(this.recorder, this.dial.at(angle), this.state.seed));
+    this.films = this.twins.map(({ angle }) => filmOf(this.recorder, shifted(this.dial.at(angle), this.shift), this.state.seed));
+    this.showFaults();
     this.clock.load(Math.max(...this.films.map((film) => film.frames.length - 1)));
     this.find("time").max = this.clock.end;
     this.find("seed").value = this.state.seed;
@@ -194,7 +222,7 @@ export class Twins {
 
   async runEpisodes() {
     const angles = [...new Set(this.state.angles)];
-    await this.ask({ angles, first: 1, count: BACKGROUND }, `${BACKGROUND} episodes at each angle`, (found) => {
+    await this.ask({ angles, first: 1, count: BACKGROUND, shift: this.shift }, `${BACKGROUND} episodes at each angle`, (found) => {
       angles.forEach((angle, number) => this.measured.set(angle, summaryOf(found[number], this.layout.endings)));
       this.refilm();
     }, "ran");
@@ -203,7 +231,7 @@ export class Twins {
   async searchSeeds() {
     const { angles, seed } = this.state;
     const first = seed + 1 + SEARCHED > MOST_SEED ? 0 : seed + 1;
-    await this.ask({ angles, first, count: SEARCHED }, `looking through ${SEARCHED} seeds`, (found) => {
+    await this.ask({ angles, first, count: SEARCHED, shift: this.shift }, `looking through ${SEARCHED} seeds`, (found) => {
       const name = (ending) => Object.keys(this.layout.endings).find((key) => this.layout.endings[key] === ending);
       const buttons = differing(found, 5).map((one) => {
         const words = one.endings.map((ending, place) => `${LETTERS[place]} ${name(ending)}`).join(", ");
