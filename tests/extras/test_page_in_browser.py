@@ -251,6 +251,7 @@ def test_a_link_shows_a_car_that_collides_only_a_second_late(tab, address):
     captions = tab.locator("#late-stages .caption")
     on_time, late = captions.all_inner_texts()
     assert "arrives" in on_time and "collides" in late
+    assert tab.evaluate(UNNAMED) == []
     tab.evaluate("late.clock.seek(35)")
     assert captions.all_inner_texts() == ["brakes", "wants to brake: nothing happens yet"]
     said = " ".join(tab.inner_text("#late-shares").split())

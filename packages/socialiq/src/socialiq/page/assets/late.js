@@ -19,13 +19,14 @@ function braking({ decisions }, words, frames) {
   return from < 0 ? [] : words.map((text, number) => [(from - words.length + 1 + number) * frames, text]);
 }
 
-/** Return the films of the first seed at which only the late car collides: on time, late, and late with a front end. */
-function chosen(recorder, networks, { arrival, collision }) {
+/** Return the films of the first seed at which only the late car collides, else of seed 1: on time, late, late with a front end. */
+function filmsOf(recorder, networks, { arrival, collision }) {
   const drive = (seed) => networks.map((network) => filmOf(recorder, network, seed));
   for (let seed = 1; seed <= SEARCHED; seed += 1) {
     const films = drive(seed);
     if ([arrival, collision, arrival].every((ending, number) => films[number].ending === ending)) return films;
   }
+  document.getElementById("late-chosen").hidden = true;
   return drive(1);
 }
 
@@ -43,7 +44,7 @@ export function lateTab({ layout, dial, shares, recorder, colours, state }) {
   if (shares.length) find("shares").textContent = `Measured: on time ${percents[0]} of drives end in a collision, one second late ${percents[1]}, one second late but looking ahead ${percents[2]}.`;
   let films;
   const scenes = () => {
-    films ??= chosen(recorder(), SHIFTS.map((shift) => shifted(dial.at(angle), shift)), layout.endings);
+    films ??= filmsOf(recorder(), SHIFTS.map((shift) => shifted(dial.at(angle), shift)), layout.endings);
     find("seed").textContent = `seed ${films[0].seed}`;
     const right = find("front").checked ? 2 : 1;
     return [[0, right], [right, 0]].map(([number, other], place) => {
