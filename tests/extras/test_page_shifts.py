@@ -21,7 +21,9 @@ pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not
 
 DIAL = packaged_results() / STUDY / f"{FAMILY}.safetensors"
 SEEDS = np.arange(90_000_000, 90_000_040)
-SHIFTS = ("none", "late", "unseen-30", "noise-3", "latency=2,unseen=0.5,noise=5")
+QUICK = [("late", False), ("late", True), ("latency=2,unseen=0.5,noise=5", True)]
+SLOW = [(name, front) for name in ("none", "unseen-30", "noise-3") for front in (False, True)]
+SLOW.append(("latency=2,unseen=0.5,noise=5", False))
 
 
 def driven(shift, front):
@@ -54,8 +56,10 @@ def on_page(shift, front, folder, recorded=None):
     return json.loads((folder / "out.json").read_text())
 
 
-@pytest.mark.parametrize("front", [False, True])
-@pytest.mark.parametrize("name", SHIFTS)
+@pytest.mark.parametrize(
+    ("name", "front"),
+    [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
+)
 def test_faults_and_front_end_are_those_of_the_package(name, front, tmp_path):
     shift = shift_of(name)
     ours, ending = driven(shift, front)
