@@ -5,6 +5,6 @@ var Scorer = {
   score: ([page, title, , , score]) => {
     const query = new URLSearchParams(window.location.search).get("q") ?? "";
     const titled = title.toLowerCase().includes(query.trim().toLowerCase());
-    return score + (titled && !page.startsWith("reference/") ? 5 : 0);
+    return score + (page.startsWith("reference/") ? -10 : titled ? 5 : 0);
   },
 };

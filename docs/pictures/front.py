@@ -73,7 +73,7 @@ def draw() -> Figure:
     axes.set_xlim(-0.9, 11.3)
     axes.set_ylim(-0.35, 2.95)
     axes.legend(frameon=False, loc="lower left")
-    axes.set_title("One network at a crossing, asked for angles from 0° to 90°", loc="left")
+    axes.set_title("Asked for larger angles, one network gives up progress for others", loc="left")
     return drawn
 
 

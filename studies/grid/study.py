@@ -171,5 +171,6 @@ def ring_figure(results: Results) -> dict[str, Figure]:
         label = f"{name}: {entry['angle']:.1f}° (thesis {thesis:.0f}°)"
         marks.append(Mark(name, entry["angle"], label, thesis))
     seeds = entries["baseline"]["seeds"]
-    title = f"7x7: empirical angle, greedy, {seeds} seeds (open marks: thesis)"
+    title = "All policies but the prosocial one show the thesis' angle in the 7x7 world"
+    title = f"{title}\n(greedy, {seeds} seeds; open marks: thesis)"
     return {"fig_6_2_ring": ring(marks, title)}

@@ -335,6 +335,6 @@ def fig_6_5(results: Results) -> dict[str, Figure]:
         printed = "not printed" if thesis is None else f"{thesis:.0f}°"
         label = f"{name}: {angle:.0f}° ({low:.0f}° to {high:.0f}°; thesis {printed})"
         marks.append(Mark(name, angle, label, thesis, (low, high)))
-    note = "open marks: thesis; arcs: range over training seeds"
-    title = f"Intersection: empirical angle, greedy\n({note})"
+    note = "greedy; open marks: thesis; arcs: range over training seeds"
+    title = f"Learners' angles are in the thesis' order, but each is smaller\n({note})"
     return {"fig_6_5_ring": ring(marks, title)}

@@ -192,9 +192,10 @@ def picture(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any])
     moving = population["of_the_moving"]
     if moving is not None and population["standing"]:
         left.plot([], [], " ", label=f"without those who stood: {moving['estimate']:.0f}°")
-    counts = f"{population['drivers']} drivers of {population['chains']} chains of recordings"
+    counts = f"{population['drivers']} drivers of {population['chains']} chains"
+    title = f"The mean point of {counts} lies at {interval['estimate']:.0f}°"
     names = {"xlabel": "mean r_env of a decision", "ylabel": "mean r_social of a decision"}
-    finish(left, f"{counts} (larger: more decisions)", 8, **names)
+    finish(left, f"{title} (larger: more decisions)", 8, **names)
     directed = [driver for driver in drivers if driver["angle"] is not None]
     directed.sort(key=lambda driver: driver["angle"])
     for with_interval, color, size, label in (
@@ -208,5 +209,6 @@ def picture(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any])
         text = f"{label} ({len(group)})"
         right.plot(angles, heights, ".", color=color, markersize=size, label=text)
     names = {"xlabel": "direction of the driver's point, degrees", "ylabel": "drivers, by angle"}
-    finish(right, "Angles of single drivers, with the intervals that exist", 8, **names)
+    title = f"An interval exists for {len(group)} of {len(directed)} angles of single drivers"
+    finish(right, title, 8, **names)
     return drawing
