@@ -320,6 +320,9 @@ FLAGS = [
 ]
 """Fields of the records of vehicles of all roads."""
 
+ABSENT, WAITING, WALKING, GONE = range(4)
+"""States of people on foot and on bicycles, in the field `leg` of their records."""
+
 
 class Contact(enum.IntEnum):
     """Vehicle that struck the other, by whose motion closed the gap: the ego's or the other's."""

@@ -11,7 +11,7 @@ from socialiq.foreign import drawing
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.options import SIGNALS
+from socialiq.worlds.highway.options import SIGNALS, WAITING, WALKING
 from socialiq.worlds.highway.world import RoadBatch
 from socialiq.worlds.pictures import EGO, OTHER
 
@@ -160,13 +160,10 @@ def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
         yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "", people)
 
 
-_COMING = 1, 2  # states of people who wait and who move, of `intersection.core.people`
-
-
 def _people(batch: RoadBatch, records: np.ndarray) -> np.ndarray:
     """Return the records of people who are there, of the records of an episode."""
     people = records[getattr(batch.options, "first_walker", len(records)) :]
-    return people[np.isin(people["leg"], _COMING)] if len(people) else people
+    return people[np.isin(people["leg"], (WAITING, WALKING))] if len(people) else people
 
 
 def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:

@@ -30,12 +30,18 @@ from socialiq.worlds.highway.core.geometry import (
 )
 from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
 from socialiq.worlds.highway.network import APPROACH, EXIT
-from socialiq.worlds.highway.options import EPISODE, Contact
+from socialiq.worlds.highway.options import (
+    ABSENT,
+    EPISODE,
+    GONE,
+    WAITING,
+    WALKING,
+    Contact,
+)
 from socialiq.worlds.intersection.core.geometry import ACCESS_LENGTH, LANES, ROUTES
 from socialiq.worlds.intersection.core.traffic import route_coordinate
 from socialiq.worlds.intersection.options import SPEED_LIMIT
 
-ABSENT, WAITING, WALKING, GONE = range(4)
 MIDDLE = 15.0  # m from the junction's centre to the middle of a crosswalk
 HALF_WIDTH = 1.5  # m, of a crosswalk
 BESIDE = 4.75  # m from the middle of the arm to that of a bicycle lane
