@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -139,6 +140,18 @@ def test_a_world_that_rewards_effects_is_a_file_that_others_do_not_equal(
     assert set(SIGNALS) <= info["signals"].keys()
     with pytest.raises(UserError, match="no episode without its driver"):
         replay(again)
+
+
+@pytest.mark.parametrize(("more", "end"), [([], 60.0), (["--horizon", "50"], 50.0)])
+def test_the_command_measures_to_the_end_of_the_file(
+    world: RecordedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    more: list[str], end: float,
+) -> None:  # fmt: skip
+    file = tmp_path / "caused.safetensors"
+    measuring(world, horizon=60.0).save(file)
+    command = ["effects", str(file), "--policy", "go", "--episodes", "2", "--json"]
+    assert main([*command, *more]) == 0
+    assert json.loads(capsys.readouterr().out)["horizon"] == end
 
 
 def test_a_dial_learns_from_what_is_caused(world: RecordedWorld) -> None:

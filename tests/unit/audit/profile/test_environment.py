@@ -104,7 +104,7 @@ def test_a_soft_policy_draws_by_the_episode(world):
 
 
 def test_evidence_needs_a_driver_to_compare_with(world):
-    with pytest.raises(UserError, match="name at least one with --reference"):
+    with pytest.raises(UserError, match="at least one reference driver"):
         collect_evidence(world, Policy(0), SEEDS)
     found = collect_evidence(world, Policy(1), SEEDS, [Reference("goes", Policy(0))])
     assert found.strata == {} and found.scenario == world.description

@@ -35,15 +35,17 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import SUMO_IDS, UNSEEN, in_sumo
 from socialiq.worlds.environment import make_environment
-from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout
+from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout, EffectOptions
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import GRIDWORLDS, WALKED, make, make_grid, open_world
 
 _WALKED = tuple(name for name in WALKED if not name.endswith(CAUSED))
+_USUAL = EffectOptions().definition["units"]  # options of the measure, with their defaults
 PRINTED = (
     "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
-    "delay_bicycle", "delay_pedestrian", "braking", "gap_below_1_s",
+    "delay_bicycle", "delay_pedestrian", "waiting_pedestrian", "waiting_bicycle", "braking",
+    "gap_below_1_s",
     "collision", "arrival", "pedestrian_delay", "pedestrian_hit", "cyclist_delay", "cyclist_hit",
     "not_caused_of_charged", "missed_of_caused", "gained_of_credited",
 )  # fmt: skip
@@ -73,7 +75,8 @@ class EffectsOf(Printing):
     seed: int = 0
     """Seed of the first episode."""
     horizon: float = 0.0
-    """Seconds from the reset to the common end; by default 1.5 times the duration of an episode."""
+    """Seconds from the reset to the common end; by default that of a file that rewards effects,
+    else 1.5 times the duration of an episode."""
     tow_after: float = 5.0
     """Seconds after which wrecks are removed, with and without the ego; 0 leaves them."""
     after_timeout: AfterTimeout = "traffic"
@@ -129,7 +132,10 @@ class EffectsOf(Printing):
         options = self.measured()
         world = open_world(self.world)
         assert isinstance(world, RoadWorld)
-        world = measuring(world, **options)
+        # A file that rewards effects has its own options of the measure.
+        given = {name: option for name, option in options.items() if option != _USUAL[name]}
+        world = measuring(world, **given)
+        options = {name: getattr(world.effects, name) for name in options}
         seeds, rows = np.arange(self.seed, self.seed + self.episodes), []
         begun: Begun = {}
         with contextlib.ExitStack() as closing:
@@ -153,7 +159,7 @@ class EffectsOf(Printing):
         """Return the options of the measure."""
         if self.episodes < 2:
             raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
-        return {name: getattr(self, name) for name in ("horizon", "tow_after", "after_timeout")}
+        return {name: getattr(self, name) for name in _USUAL}
 
     def in_sumo(self, episodes: list[Row]) -> tuple[list[Row], Row]:
         """Return a row for each driver in SUMO, with delays by class; append episodes."""
@@ -180,8 +186,7 @@ class EffectsOf(Printing):
 
     def exact(self) -> tuple[list[Row], Row]:
         """Return the expected cells that each driver costs others in a gridworld."""
-        unused = ("episodes", "seed", "horizon", "tow_after", "after_timeout")
-        refuse_unused(self, unused, "a road as the world")
+        refuse_unused(self, ("episodes", "seed", *_USUAL), "a road as the world")
         plain, rows = make_grid(self.world), list[Row]()
         for name, angle in self.drivers():
             with driver_of(name, plain, angle, self.allow_code) as loaded:

@@ -70,6 +70,10 @@ class Collection:
         angles = requested.dial_angles(profile.angle, profile.margin.width)
         drivers = (world, specs, loaded.record.as_json(), request.trust, closing, angles)
         references = requested.resolve_references(*drivers)
+        if not (references.drivers or world.references or world.is_exact):
+            raise UserError(
+                f"{world.name} has no reference drivers: name at least one with --reference DRIVER"
+            )
         if profile.rule is not None:
             if loaded.record.kind == "dial":
                 raise UserError(
@@ -195,10 +199,6 @@ def collect_evidence(
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.
     """
-    if not references and not world.references and not world.is_exact:
-        raise UserError(
-            f"{world.name} has no reference drivers: name at least one with --reference DRIVER"
-        )
     if isinstance(world, Environment):
         for seed in seeds[:REPEATED]:
             world.check_repeats(int(seed))
