@@ -11,9 +11,16 @@ import pytest
 
 pytest.importorskip("libsumo", reason="extra `sumo` is not installed")
 
+from socialiq.audit.evidence.drive import Course
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.profile.profile import measured_in, world_of
+from socialiq.audit.report.views import by_class
 from socialiq.cli.main import main
+from socialiq.evaluation.effects import sums_in
+from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make
 from socialiq.worlds.sumo.network import NETS
+from socialiq.worlds.world import ConstantPolicy
 
 SLOWER, IDLE, FASTER = range(3)
 EMPTY = {"vehicle_rate": 0.0, "bicycle_rate": 0.0, "pedestrian_rate": 0.0}
@@ -134,6 +141,59 @@ def test_a_declaration_names_the_network_and_the_demand(tmp_path, capsys):
         assert main(["profile", "check", str(tmp_path / "p.toml")]) == 2
         assert "is of another world" in capsys.readouterr().err
         file.write_text(text)
+
+
+def test_an_ego_enters_at_its_time_though_others_wait_for_its_edge():
+    env = gymnasium.make("socialiq/Sumo-v1")
+    env.reset(seed=197)
+    assert env.unwrapped.episode.without
+
+
+def test_audits_measure_effects_by_class_in_the_episodes_that_effects_measures():
+    world, seeds = world_of("sumo", {}), np.arange(40, 44)
+    measured = list(measured_in("sumo"))
+    course = Course(world, seeds, measured=measured)
+    beside = course.drive(Reference("wait", ConstantPolicy(0))).beside
+    sums = sums_in(gymnasium.make("socialiq/Sumo-v1"), policy("wait"), seeds)
+    columns = {
+        "delay": "delay_vehicle",
+        "waiting": "waiting_pedestrian",
+        "pedestrian_hit": "collision_pedestrian",
+        "cyclist_delay": "waiting_bicycle",
+        "cyclist_hit": "collision_bicycle",
+        "braking": "braking_vehicle",
+    }
+    assert beside.keys() == columns.keys() == set(measured)
+    for name, column in columns.items():
+        assert beside[name].tolist() == sums[column].tolist()
+    assert beside["delay"].mean() > 20.0 and np.any(beside["waiting"])
+
+
+@pytest.mark.slow
+def test_a_declaration_bounds_effects_by_class(tmp_path, capsys, monkeypatch):
+    dial = str(Path("results/caused-effects/dial.safetensors").absolute())
+    monkeypatch.chdir(tmp_path)
+    declare = ["profile", "new", "--world", "socialiq/Sumo-v1", "--angle", "90"]
+    bounds = ["--max-delay", "300", "--max-waiting", "30", "--min-waiting", "10"]
+    assert main([*declare, "--max-gap-below-1-s", "0.2"]) == 2
+    assert "measures only delay, braking, waiting, " in capsys.readouterr().err
+    assert main([*declare, "--set", "clock=true", *bounds]) == 0
+    command = ["audit", dial, "--profile", "profile.toml", "--episodes", "20", "--out", "audit"]
+    assert main(command) == 2
+    assert "name at least one with --reference" in capsys.readouterr().err
+    assert not Path("audit-log").exists()
+    assert main(["turn", dial, "--angle", "0", "--out", "egoist.safetensors"]) == 0
+    assert main([*command, "--reference", "egoist.safetensors"]) in (1, 3)
+    lines = by_class(json.loads(Path("audit/report.json").read_text()))
+    assert [line["class"] for line in lines] == [
+        "vehicles",
+        "pedestrians",
+        "pedestrians",
+        "cyclists",
+    ]
+    assert lines[1]["asked for"] == "at most 30 s"
+    assert lines[3]["name"] == "no bound is declared"
+    assert main(["audit", "verify", "audit"]) == 0
 
 
 def test_the_referee_repeats_its_results():

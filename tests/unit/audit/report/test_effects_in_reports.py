@@ -10,6 +10,7 @@ import pytest
 import socialiq.audit.report as package
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.replay import selected
+from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.audit.profile.profile import Bound, Floor
 from socialiq.audit.report.content import content
 from socialiq.audit.report.documents import materials
@@ -87,6 +88,10 @@ def test_episodes_beyond_the_range_are_counted(bounded):
     assert f"the delay of an episode from 0 to 1 cells. This changed {cut} of 60 episodes" in caveat
 
 
+def test_reports_may_have_every_effect():
+    assert SCHEMA["$defs"]["effect"]["enum"] == list(QUANTITIES)
+
+
 def test_a_report_without_bounds_has_no_field_of_them(report):
     assert "caused" not in report["declaration"] and "caused" not in report["policy"]["means"]
     assert len(report["tests"]["competence"]) == 4
@@ -118,4 +123,5 @@ def test_a_policy_that_obstructs_people_fails_by_their_line(declared, audited):
     for cell in ("pedestrians", people["estimate"], f"{people['low']} to {people['high']}"):
         assert cell in first
     del report["tests"]["competence"][-1]
+    assert b"no bound is declared" in views_of(report)["report.html"]
     assert by_class(report)[-1]["name"] == "no bound is declared"

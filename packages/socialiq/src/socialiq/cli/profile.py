@@ -11,7 +11,13 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.profile import profile, reader, template
-from socialiq.audit.profile.fields import IN_GRIDWORLDS, LAST_DIRECTION, QUANTITIES, SIDES
+from socialiq.audit.profile.fields import (
+    IN_GRIDWORLDS,
+    IN_SUMO,
+    LAST_DIRECTION,
+    QUANTITIES,
+    SIDES,
+)
 from socialiq.audit.verdict.bounds import faults_of_bounds
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
@@ -19,6 +25,7 @@ from socialiq.outputs import check_ending
 from socialiq.settings import assignments
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
+from socialiq.worlds import in_sumo
 from socialiq.worlds.registry import GRIDWORLDS, NAMES, spelled_out
 
 
@@ -166,10 +173,11 @@ class New:
         bounds = list[profile.Bound]()
         options = spelled_out(self.world, world_options(self.set))[1]
         defaults = template.limits_at(self.world, self.angle, bool(options.get("cyclist_rate")))
+        ranges = IN_GRIDWORLDS if self.world in GRIDWORLDS else {}
+        ranges = IN_SUMO if in_sumo(self.world) else ranges
         for name, quantity in QUANTITIES.items():
             ends = getattr(self, f"{name}_range", None)
-            in_gridworld = IN_GRIDWORLDS.get(name) if self.world in GRIDWORLDS else None
-            limits = (ends or in_gridworld or quantity.range) if quantity.unit else None
+            limits = (ends or ranges.get(name, quantity.range)) if quantity.unit else None
             fields = {f"{side}_{name}": getattr(self, f"{side}_{name}") for side in SIDES}
             if set(fields.values()) == {None}:
                 fields = {path: defaults.get(path) for path in fields}

@@ -36,6 +36,16 @@ QUANTITIES = (
 )  # fmt: skip
 """Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
 
+IN_SUMO = {
+    "delay": "delay_vehicle",
+    "braking": "braking_vehicle",
+    "waiting": "waiting_pedestrian",
+    "pedestrian_hit": "collision_pedestrian",
+    "cyclist_delay": "waiting_bicycle",
+    "cyclist_hit": "collision_bicycle",
+}
+"""Signal of a world in SUMO whose sum over an episode is a quantity."""
+
 WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego
 
 SIDE_BY_SIDE = 256  # episodes at once

@@ -7,7 +7,7 @@ policy to it. Experience for online learners has no seeded episodes; its loops a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
@@ -257,6 +257,7 @@ class GymStep(NamedTuple):
     ending: Int64[np.ndarray, " 1"]
     speed: float
     counted: dict[str, float]  # what the environment counts, by name
+    signals: Mapping[str, float]
 
 
 class GymSimulator:
@@ -313,6 +314,6 @@ class GymSimulator:
         pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
         self._present, self._length = after, self._length + 1
         counted = {name: info[name] for name in ("neighbours_collided",) if name in info}
-        hits = info.get("signals", {}).items()
-        counted |= {name: value for name, value in hits if name.endswith("_hit")}
-        return GymStep(after, pair, np.array([int(ending)]), speed, counted)
+        signals: dict[str, float] = info.get("signals", {})
+        counted |= {name: value for name, value in signals.items() if name.endswith("_hit")}
+        return GymStep(after, pair, np.array([int(ending)]), speed, counted, signals)

@@ -55,8 +55,8 @@ SUMO_NET = ".net.xml"
 
 
 def in_sumo(name: str) -> bool:
-    """Whether a world's name is that of one in SUMO, or of a network."""
-    return name in SUMO_IDS or name.endswith(SUMO_NET)
+    """Whether a world's name or Gymnasium id is that of one in SUMO, or of a network."""
+    return name in (*SUMO_IDS, *SUMO_IDS.values()) or name.endswith(SUMO_NET)
 
 
 UNSEEN = "in SUMO policies observe vehicles and bicycles, and no pedestrians"

@@ -21,6 +21,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, Memoryless, RewardPair
+from socialiq.worlds import in_sumo
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import Actor, ConstantPolicy, Simulator, World
 
@@ -46,7 +47,8 @@ class Course:
     So many run side by side on a road. The last bits of a network's output may depend on this
     number, so parts of one collection need the same. In a gridworld all run at once, and a policy
     with a memory keeps one for each. By a declared rule of the angle decision losses are measured.
-    For effects that have bounds each episode of a road is driven again; its rewards don't change.
+    For effects that have bounds each episode of a road is driven again; its rewards don't change. A
+    world in SUMO plays the traffic without the ego beside each episode.
     """
 
     def __init__(
@@ -64,6 +66,8 @@ class Course:
         self.batch: Any = world.batch(len(seeds) if world.is_exact else self.size, threads)
         self.losses, self._effects = None, measured
         self._by_step = dict[str, Float[np.ndarray, "state action"]]()
+        # Of a world in SUMO, whose signals of each step are what the ego causes.
+        self._signals = {name: effects.IN_SUMO[name] for name in measured if in_sumo(world.name)}
         self._begun: effects.Begun = {}
         if by_rule is not None and world.is_exact:
             self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
@@ -111,7 +115,7 @@ class Course:
                 beside={LOSS: losses.declared.sum(axis=1)},
                 contexts=losses,
             )
-        if not self._effects or world.is_exact:
+        if not self._effects or world.is_exact or self._signals:
             return outcomes
         scene, seeds = getattr(world, "scene_world", None), self.seeds
         road = cast(RoadWorld, scene or world)
@@ -138,7 +142,7 @@ class Course:
         totals, length = np.zeros((count, 2)), np.zeros(count, np.int64)
         ending, contact = np.zeros(count, np.int8), np.zeros(count, np.int8)
         contexts = None if self.losses is None else self.losses.begin(count)
-        caused = {name: np.zeros(count) for name in self._by_step}
+        caused = {name: np.zeros(count) for name in (*self._by_step, *self._signals)}
         for step in simulate.simulate(self.batch, actor, self.seeds):
             rows, which = step.running, step.episode[step.running]
             if self.losses is not None and contexts is not None:
@@ -146,6 +150,8 @@ class Course:
                 self.losses.note(contexts, which, length[which], observation, action)
             for quantity, effect in self._by_step.items():
                 caused[quantity][which] += effect[step.observation[rows], step.action[rows]]
+            for quantity, signal in self._signals.items():
+                caused[quantity][which] += step.made.signals[signal]
             for side, reward in enumerate(step.made.rewards):
                 totals[which, side] += np.atleast_1d(reward)[rows]
             length[which] += 1

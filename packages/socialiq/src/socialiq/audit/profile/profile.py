@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from socialiq.audit.profile import fields
 from socialiq.audit.profile.environment import Environment
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.effects import QUANTITIES
+from socialiq.evaluation.effects import IN_SUMO, QUANTITIES
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds import NAMED, scene_named
+from socialiq.worlds import NAMED, in_sumo, scene_named
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.intersection.world import Intersection
@@ -225,6 +225,8 @@ def measured_in(world: str) -> dict[str, str]:
     """Return the unit of each effect that a world of this name measures; none where it can't."""
     if world in GRIDWORLDS:
         return {"delay": "cells"} | ({"waiting": "steps"} if world in CROSSWALKS else {})
+    if in_sumo(world):
+        return {name: fields.QUANTITIES[name].unit for name in IN_SUMO}
     is_road = world in INTERSECTIONS[:2] or is_recorded(world) or scene_named(world) is not None
     return {
         name: fields.QUANTITIES[name].unit

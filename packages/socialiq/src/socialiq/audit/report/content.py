@@ -22,6 +22,7 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
+from socialiq.worlds import in_sumo
 from socialiq.worlds.registry import GRIDWORLDS, NAMES
 
 FORMAT = 3
@@ -268,7 +269,8 @@ def limits(world: str, effects: bool = False) -> list[str]:
     """Return the limits that apply in a world of this name, with bounds of effects or without."""
     texts = words.stated()["limits"]
     applying = [*texts["exact" if world in GRIDWORLDS else "sampled"], *texts["always"]]
-    applying += texts["effects"] if effects and world not in GRIDWORLDS else []
+    if effects and world not in GRIDWORLDS:
+        applying += texts["simulated" if in_sumo(world) else "effects"]
     if is_recorded(world):
         return [*texts["recorded"], *applying]
     return applying if world in NAMES else [*texts["unknown"], *applying]

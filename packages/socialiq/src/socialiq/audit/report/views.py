@@ -15,6 +15,7 @@ from socialiq.audit.report.documents import shows_angle
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.physics import wrapped
+from socialiq.worlds import in_sumo
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES
 
@@ -217,7 +218,8 @@ def by_class(report: Mapping[str, Any]) -> list[dict[str, str]]:
         if row["test"] in names
     ]
     classes = list(dict.fromkeys(QUANTITIES[name].of for name in units)) if rows else []
-    if not report["declaration"]["scenario"]["options"].get("cyclist_rate"):
+    scenario = report["declaration"]["scenario"]
+    if not (scenario["options"].get("cyclist_rate") or in_sumo(scenario["world"])):
         classes = [name for name in classes if name != "cyclists"]
     bounded, empty = {row["class"] for row in rows}, dict.fromkeys(rows[0] if rows else (), "")
     empty["name"] = "no bound is declared"

@@ -106,7 +106,7 @@ class SumoEnv(gymnasium.Env):
         env_signals(result.advance, True, result.speed, int(result.ending), self._settings, own)
         r_env = sum(w * s for w, s in zip(self._settings.weights, own, strict=False))
         by_class = np.array(self.options.by_class)
-        delay, braking = (by_class @ result.caused).tolist()
+        delay, braking, _ = (by_class @ result.caused).tolist()
         caused = delay, braking, float((by_class * result.encounter).max())
         ends = *caused, float(result.ending == Ending.COLLISION)
         r_social = sum(w * s for w, s in zip(self._effects, ends, strict=True))
@@ -114,7 +114,8 @@ class SumoEnv(gymnasium.Env):
             zip((*ENV_SIGNALS, *SIGNALS), (*own.tolist(), *caused), strict=True)
         )
         for number, kind in enumerate(CLASSES):
-            columns = (*result.caused[number], result.encounter[number])
+            *columns, signals[f"waiting_{kind}"] = result.caused[number].tolist()
+            columns.append(result.encounter[number])
             signals[f"collision_{kind}"] = float(result.partner == kind)
             signals |= {
                 f"{name}_{kind}": float(v) for name, v in zip(SIGNALS, columns, strict=True)

@@ -29,12 +29,15 @@ from socialiq.worlds.sumo.network import CLASSES
 from socialiq.worlds.sumo.traffic import EGO, Scene
 
 STEPS = 10  # of SUMO in a decision of 1 s
+_STANDS = 0.1  # m/s below which a road user waits, as SUMO counts waiting time
 SETTINGS = (
     "--step-length", "0.1", "--no-step-log", "--no-warnings", "--seed", "1",
     "--collision.action", "warn", "--collision.check-junctions", "--collision.mingap-factor", "0",
     "--time-to-teleport", "-1", "--pedestrian.striping.dawdling", "0", "--ignore-route-errors",
+    "--eager-insert",
 )  # fmt: skip
-"""Settings of SUMO: nothing random, nothing teleported, contacts reported."""
+"""Settings of SUMO: nothing random, nothing teleported, contacts reported, and the ego
+enters at its time though others wait to enter on its edge."""
 
 _CLEARED, _ARRIVED_AT = 20.0, 25.0  # m around the ego's entry, and along its last edge
 _OWN_SPEED, _SUMOS_SPEED = 0, 31  # speed modes: all checks of SUMO off, and all on
@@ -58,14 +61,21 @@ class Moved(NamedTuple):
 
     metres: Counter[str]  # of floats
     hardest: dict[str, float]  # least acceleration, m/s²
+    waited: Counter[str]  # of seconds
     arrived: set[str]
 
-    def by_class(self) -> Float[np.ndarray, "class 2"]:
-        """Return metres and hard brakings of each class; pedestrians don't brake."""
-        sums, numbers = np.zeros((len(CLASSES), 2)), {kind: n for n, kind in enumerate(CLASSES)}
+    @staticmethod
+    def none() -> Moved:
+        """Return a motion without road users."""
+        return Moved(Counter(), {}, Counter(), set())
+
+    def by_class(self) -> Float[np.ndarray, "class 3"]:
+        """Return metres, hard brakings and seconds waited by class; pedestrians don't brake."""
+        sums, numbers = np.zeros((len(CLASSES), 3)), {kind: n for n, kind in enumerate(CLASSES)}
         for name, metres in self.metres.items():
             kind = numbers[class_of(name)]
-            sums[kind] += metres, kind != numbers["pedestrian"] and self.hardest[name] < HARD
+            brakes = kind != numbers["pedestrian"] and self.hardest[name] < HARD
+            sums[kind] += metres, brakes, self.waited[name]
         return sums
 
 
@@ -77,7 +87,8 @@ class Result(NamedTuple):
     partner: str  # class of who collided with the ego, or ""
     advance: float  # m along the ego's way
     speed: float  # m/s
-    caused: Float[np.ndarray, "class 2"]  # metres lost, and hard brakings; all later ones at an end
+    # metres lost, hard brakings, and seconds waited; all later ones at an end
+    caused: Float[np.ndarray, "class 3"]
     encounter: Float[np.ndarray, " class"]  # closest of each class, 0 to 1
 
 
@@ -146,7 +157,7 @@ class Episode:
         self._speeds, self._wrecks = dict[str, float](), dict[str, float]()
         self.driven, self._target, self._advance = Counter(), 0.0, 0.0
         self._partner = ""
-        self._step(Moved(Counter(), {}, set()))
+        self._step(Moved.none())
         if with_ego:
             if EGO not in self._speeds:
                 raise UserError(f"SUMO lets no ego in on {edge}: choose another start")
@@ -188,7 +199,7 @@ class Episode:
 
     def _second(self, driving: bool = False) -> tuple[Moved, np.ndarray, Contact]:
         """Play a second; return what others did, the closest encounters, and the ego's contact."""
-        moved, closest = Moved(Counter(), {}, set()), np.zeros(len(CLASSES))
+        moved, closest = Moved.none(), np.zeros(len(CLASSES))
         contact, numbers = Contact.NONE, {kind: n for n, kind in enumerate(CLASSES)}
         for _ in range(STEPS):
             if driving and contact == Contact.NONE and EGO in self._speeds:
@@ -214,19 +225,19 @@ class Episode:
         for name, speed in self._speeds.items():
             if name != EGO:
                 moved.metres[name] += speed / STEPS
+                moved.waited[name] += (speed < _STANDS) / STEPS
                 rate = (speed - before.get(name, speed)) * STEPS
                 hardest = moved.hardest.get(name, 0.0)
                 moved.hardest[name] = hardest if name in self._wrecks else min(hardest, rate)
         moved.arrived.update(before.keys() - self._speeds.keys() - self._wrecks.keys())
 
-    def _caused(self, number: int, moved: Moved) -> Float[np.ndarray, "class 2"]:
-        """Return metres lost and hard brakings of a decision, and note what others drove."""
+    def _caused(self, number: int, moved: Moved) -> Float[np.ndarray, "class 3"]:
+        """Return what a decision causes, as in `Result`, and note what others drove."""
         for name in moved.arrived & self.left:  # who leaves in both worlds drove as far
             moved.metres[name] = self.without[name] - self.driven[name]
             moved.hardest.setdefault(name, 0.0)
         self.driven.update(moved.metres)
-        alone, together = self.alone[number], moved.by_class()
-        return np.stack([alone[:, 0] - together[:, 0], together[:, 1] - alone[:, 1]], axis=1)
+        return (moved.by_class() - self.alone[number]) * (-1.0, 1.0, 1.0)
 
     def _touched(self) -> Contact:
         """Return the ego's contact in the last step; both stop where they are, as wrecks."""
