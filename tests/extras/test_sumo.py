@@ -133,6 +133,16 @@ def test_a_declaration_names_the_network_and_the_demand(tmp_path, capsys):
     described = json.loads(capsys.readouterr().out)
     assert described["demand"] == {"vehicle": 50, "bicycle": 0, "pedestrian": 0}
     assert 5 < described["entered"]["vehicle"] < 10
+    for command in (["evaluate", "go", "--world", "sumo"], ["effects", "sumo", "--policy", "go"]):
+        words = [*command, "--episodes", "3", "--json"]
+        assert main(words) == 0
+        drawn = json.loads(capsys.readouterr().out)
+        assert main([*words, "--demand", str(demand)]) == 0
+        demanded = json.loads(capsys.readouterr().out)
+        rows = [result.get("drivers", [result])[0] for result in (drawn, demanded)]
+        assert rows[0] != rows[1]
+        assert main([*words, "--demand", str(net)]) == 2
+        assert "has no <routes> but <net>" in capsys.readouterr().err
     declare = ["profile", "new", "--world", str(net), "--angle", "45", "--set", f"demand={demand}"]
     assert main([*declare, "--out", str(tmp_path / "p.toml")]) == 0
     assert main(["profile", "check", str(tmp_path / "p.toml")]) == 0

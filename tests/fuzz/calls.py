@@ -48,7 +48,17 @@ BASES: dict[str, list[str]] = {
     "turn": [DIAL, "--angle", "30", "--out", OUT],
     "ensemble": [POLICY, POLICY, "--out", OUT],
     "evaluate": [POLICY, "--world", "crossing5", "--shield", "0"],
-    "effects": ["intersection", "--policy", "go", "--episodes", "2", "--out", OUT],
+    "effects": [
+        "intersection",
+        "--policy",
+        "go",
+        "--shift",
+        "late",
+        "--episodes",
+        "2",
+        "--out",
+        OUT,
+    ],
     "population": [
         "intersection",
         "--policy",

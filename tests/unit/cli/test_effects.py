@@ -25,6 +25,17 @@ def test_effects_of_a_rule_on_a_road(tmp_path, capsys):
     assert (out / "effects.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_effects_under_a_shift_are_those_of_what_is_shown(capsys):
+    delays = []
+    for more in ([], ["--shift", "none"], ["--shift", "late"], ["--front-end", "latency=1"]):
+        words = ["effects", "intersection", "--policy", "gap_3s", "--episodes", "40", "--json"]
+        assert main([*words, *more]) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert result.get("shift", "none") == (more[1] if "--shift" in more else "none")
+        delays.append(result["drivers"][0]["delay"])
+    assert delays[0] == delays[1] and len(set(delays)) == 3
+
+
 def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
     words = ["effects", "crossing7", "--policy", DIAL, "--angle", "0", "45", "--json"]
     assert main(words) == 0
@@ -42,6 +53,10 @@ def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
         ([*GO, "--horizon", "3"], "horizon must be at least the duration"),
         ([*GO, "--horizon=-1"], "horizon must be a number of seconds of at least 0"),
         ([*GO, "--policy", "nowhere"], "nowhere"),
+        ([*GO, "--shift", "mars"], "mars"),
+        ([*GO, "--demand", "day.rou.xml"], "--demand is of SUMO: choose sumo"),
+        ([*GO, "--shield", "2"], "--shield is for people on foot"),
+        (["effects", "merge", "--policy", "go", "--shift", "late"], "are of intersection"),
         ([*GO, "--angle", "45"], "--angle is of dials"),
         ([*GO, "--policy", CLOCKED, "--angle", "200"], "200"),
         ([*GO, "--policy", DIAL], "takes 7 features and 3 actions, the world has 70"),

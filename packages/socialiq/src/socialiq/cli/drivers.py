@@ -1,5 +1,6 @@
 """Drivers of the roads by name or file, and the gridworld of a policy."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,50 @@ from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.policies.interface import Interface, Loaded, read_content
 from socialiq.policies.load import load_policy
 from socialiq.storage import kind_of
-from socialiq.worlds import registry
+from socialiq.worlds import SUMO_IDS, in_sumo, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld, world_of
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import World
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Demand of a world in SUMO."""
+
+    demand: Path | None = None
+    """File of trips, vehicles, flows and persons in SUMO's XML, in the place of drawn traffic."""
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Options of the world."""
+        return {} if self.demand is None else {"demand": str(self.demand)}
+
+
+@dataclass(frozen=True)
+class OnRoads(Demand):
+    """Options of one road in the commands that take many worlds."""
+
+    shield: float = 0.0
+    """At an intersection with crosswalks: brake where the time to collision with a person on foot
+    is below so many seconds; 0: don't."""
+    shift: str = ""
+    """Change of the intersection by name (late, unseen-30, noise-3, right, straight, connected,
+    dense, wet, ...) or value (latency=1,unseen=.3); "or" stands between those that are drawn."""
+    front_end: str = ""
+    """Perception between sensors and policy, as latency=1,track=3,noise=1; known: as --shift has
+    these. exit=own tells the policy its exit, if it was trained with --shift."""
+
+    def check(self, world: str) -> None:
+        """Refuse, by a `UserError`, what a world of this name has not."""
+        if self.shield and world not in registry.WALKED:
+            raise UserError(f"--shield is for people on foot: choose {registry.WALKED[0]}")
+        if (self.shift or self.front_end) and world not in registry.INTERSECTIONS:
+            raise UserError(f"--shift and --front-end are of {registry.INTERSECTIONS[0]}")
+        if self.demand and not in_sumo(world):
+            raise UserError(f"--demand is of SUMO: choose {', '.join(SUMO_IDS)} or a network")
 
 
 def driver_of(

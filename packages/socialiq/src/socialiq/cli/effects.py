@@ -2,14 +2,14 @@
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import dial_of, driver_of, gridworld_of
+from socialiq.cli.drivers import OnRoads, dial_of, driver_of, gridworld_of
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
@@ -38,6 +38,7 @@ from socialiq.worlds.environment import make_environment
 from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout, EffectOptions
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import GRIDWORLDS, WALKED, make, make_grid, open_world
 
 _WALKED = tuple(name for name in WALKED if not name.endswith(CAUSED))
@@ -81,9 +82,7 @@ class EffectsOf(Printing):
     """Seconds after which wrecks are removed, with and without the ego; 0 leaves them."""
     after_timeout: AfterTimeout = "traffic"
     """An ego out of time drives on as traffic, or is removed."""
-    shield: float = 0.0
-    """Brake where the time to collision with a person on foot is below so many seconds; 0: don't.
-    In a world with crosswalks."""
+    road: tyro.conf.OmitArgPrefixes[OnRoads] = field(default_factory=OnRoads)
     out: Path | None = None
     """Folder to make: effects.csv, episodes.csv, effects.json, effects.png."""
     allow_code: bool = False
@@ -94,8 +93,7 @@ class EffectsOf(Printing):
         check_seed(self.seed)
         if not Path(self.world).suffix:  # a file is of a recorded junction, or a network
             one_of("world", self.world, (*GRIDWORLDS, "intersection", *_WALKED, *SCENES, *SUMO_IDS))
-        if self.shield and self.world not in _WALKED:
-            raise UserError(f"--shield is for people on foot: choose {_WALKED[0]}")
+        self.road.check(self.world)
         if not self.policy:
             raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.angle and all(angle is None for _, angle in self.drivers()):
@@ -106,7 +104,8 @@ class EffectsOf(Printing):
         simulated = in_sumo(self.world)
         driven = self.in_sumo if simulated else self.driven
         rows, about = self.exact() if self.world in GRIDWORLDS else driven(episodes)
-        result = {"world": self.world, **about, "drivers": rows}
+        on_road = {name: value for name, value in vars(self.road).items() if value}
+        result = {"world": self.world, **about, **on_road, **self.road.options, "drivers": rows}
         if self.out:
             with whole_folder(self.out) as folder:
                 write_atomically(folder / "effects.csv", as_csv(rows))
@@ -136,6 +135,8 @@ class EffectsOf(Printing):
         given = {name: option for name, option in options.items() if option != _USUAL[name]}
         world = measuring(world, **given)
         options = {name: getattr(world.effects, name) for name in options}
+        if isinstance(world, Intersection):
+            world = world.shifted(self.road.shift, self.road.front_end)
         seeds, rows = np.arange(self.seed, self.seed + self.episodes), []
         begun: Begun = {}
         with contextlib.ExitStack() as closing:
@@ -148,7 +149,7 @@ class EffectsOf(Printing):
                 for name, angle in self.drivers()
             ]
             for name, angle, loaded in opened:
-                effects = measure(world, loaded.policy, seeds, begun, shield=self.shield)
+                effects = measure(world, loaded.policy, seeds, begun, shield=self.road.shield)
                 row: Row = {"policy": name, "angle": "" if angle is None else angle}
                 rows.append(row | summary(effects))
                 episodes += [row | line for line in by_episode(effects, seeds)]
@@ -169,7 +170,7 @@ class EffectsOf(Printing):
         for name, angle in self.drivers():
             with driver_of(name, layout, angle, self.allow_code) as loaded:
                 clock = loaded.record.interface.n_features > layout.n_features
-                env = make_environment(self.world, {"clock": clock, **options})
+                env = make_environment(self.world, {"clock": clock, **options, **self.road.options})
                 sums = sums_in(env, loaded.policy, seeds)
             row: Row = {"policy": name, "angle": "" if angle is None else angle}
             for number in range(self.episodes):

@@ -5,7 +5,7 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -83,15 +83,7 @@ class Evaluate(Printing):
     """Number of episodes to roll out; 0 evaluates exactly, which only gridworlds allow."""
     seed: int = 0
     """Seed of the rollouts and the bootstrap."""
-    shield: float = 0.0
-    """At an intersection with crosswalks: brake where the time to collision with a person on foot
-    is below so many seconds; 0: don't."""
-    shift: str = ""
-    """Change of the intersection by name (late, unseen-30, noise-3, right, straight, connected,
-    dense, wet, ...) or value (latency=1,unseen=.3); "or" stands between those that are drawn."""
-    front_end: str = ""
-    """Perception between sensors and policy, as latency=1,track=3,noise=1; known: as --shift has
-    these. exit=own tells the policy its exit, if it was trained with --shift."""
+    road: tyro.conf.OmitArgPrefixes[drivers.OnRoads] = field(default_factory=drivers.OnRoads)
     processes: int = 0
     """Processes among which episodes of the intersection or of an environment are split, by seed;
     by default this one plays all."""
@@ -110,10 +102,7 @@ class Evaluate(Printing):
             )
         if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
-        if self.shield and self.world not in registry.WALKED:
-            raise UserError(f"--shield is for people on foot: choose {registry.WALKED[0]}")
-        if (self.shift or self.front_end) and self.world not in registry.INTERSECTIONS:
-            raise UserError(f"--shift and --front-end are of {registry.INTERSECTIONS[0]}")
+        self.road.check(self.world)
         if self.data is not None:
             from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
 
@@ -164,13 +153,14 @@ class Evaluate(Printing):
     def intersection(self, name: str) -> tuple[dict[str, Any], float | None]:
         """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
         readout = "soft" if self.soft else "greedy"
-        size, road = min(SIDE_BY_SIDE, self.episodes), (self.world, self.shift, self.front_end)
+        size, shield = min(SIDE_BY_SIDE, self.episodes), self.road.shield
+        road = self.world, self.road.shift, self.road.front_end
         world = drivers.intersection_named(*road)
-        settings = (name, road, self.angle, self.allow_code, self.soft, self.shield, size)
+        settings = (name, road, self.angle, self.allow_code, self.soft, shield, size)
         with drivers.driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
             if not self.processes:
                 batch, seeds = world.batch(size), np.array(self._seeds)
-                policy = shielded(loaded.policy, batch, self.shield)
+                policy = shielded(loaded.policy, batch, shield)
                 episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
             elif name == "random" or (self.soft and not loaded.record.soft):
                 raise parts.draws_in_order(name)
@@ -230,7 +220,8 @@ class Evaluate(Printing):
         """
         if in_sumo(self.world):
             say(UNSEEN)
-        settings = (self.world, policy, self.angle or 0.0, self.allow_code, self.soft)
+        settings = (self.world, self.road.options, policy, self.angle or 0.0, self.allow_code)
+        settings = (*settings, self.soft)
         if not self.processes:
             played = [_play_in_environment(*settings, np.array(self._seeds))]
         elif self.soft or policy == "random":
@@ -282,10 +273,16 @@ def _play_road(
 
 
 def _play_in_environment(
-    world: str, policy: str, angle: float, allow_code: bool, soft: bool, seeds: np.ndarray
+    world: str,
+    options: dict[str, Any],
+    policy: str,
+    angle: float,
+    allow_code: bool,
+    soft: bool,
+    seeds: np.ndarray,
 ) -> tuple[Rollout, Record]:
     """Play the episodes of successive seeds; return them with the policy's record."""
-    env = environment.make_environment(world, allow_code=allow_code, continuous=True)
+    env = environment.make_environment(world, options, allow_code=allow_code, continuous=True)
     size, width = environment.sizes(env), environment.action_size(env)
     settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": world in TIMED}
     if in_sumo(world):  # rules and the atlas drive there as at the intersection
@@ -295,7 +292,7 @@ def _play_in_environment(
         opened = load_policy(policy, *size, action_size=width, **settings)
     with opened as loaded:
         if loaded.record.interface.n_features > size[0]:
-            env = environment.make_environment(world, {"clock": True}, continuous=True)
+            env = environment.make_environment(world, {**options, "clock": True}, continuous=True)
         count = len(seeds)
         rollout = rollout_env(env, loaded.policy, count, int(seeds[0]), deterministic=not soft)
         return rollout, loaded.record

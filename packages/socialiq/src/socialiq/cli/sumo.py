@@ -1,11 +1,11 @@
 """`world sumo`: a network of SUMO checked and described."""
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import tyro
 
+from socialiq.cli.drivers import Demand
 from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.worlds.sumo.network import CLASSES, read_network
 from socialiq.worlds.sumo.simulation import Episode, class_of
@@ -26,8 +26,7 @@ class WorldSumo(Printing):
 
     net: Annotated[str, tyro.conf.Positional]
     """crossing or row, which ship, or a file that ends in .net.xml, as netconvert writes it."""
-    demand: Path | None = None
-    """File of trips, vehicles, flows and persons in SUMO's XML, in the place of drawn traffic."""
+    traffic: tyro.conf.OmitArgPrefixes[Demand] = field(default_factory=Demand)
     start: str = ""
     """Edge on which the ego enters; by default that of the way that turns left most."""
     end: str = ""
@@ -38,8 +37,8 @@ class WorldSumo(Printing):
     def run(self) -> int:
         """Check and print."""
         network = read_network(self.net)
-        demand = "" if self.demand is None else str(self.demand)
-        scene = Scene(SumoOptions(net=self.net, demand=demand, start=self.start, end=self.end))
+        options = {"net": self.net, "start": self.start, "end": self.end, **self.traffic.options}
+        scene = Scene(SumoOptions(**options))
         played = Episode(scene, self.seed).without
         entered = {kind: sum(class_of(name) == kind for name in played) for kind in CLASSES}
         junctions = [
@@ -65,7 +64,7 @@ class WorldSumo(Printing):
         print_table(ways[:_MOST_WAYS], f"ways of an ego ({len(ways)}), here {' '.join(scene.way)}")
         print_table(listed(entered, "entered in 45 s"))
         if scene.user_demand:
-            print_table(listed(self.demanded(scene), f"in {demand}"))
+            print_table(listed(self.demanded(scene), f"in {self.traffic.demand}"))
         if notes:
             print_table([{"not used": note} for note in notes])
         return 0
