@@ -35,7 +35,7 @@ class Demand:
     """File of trips, vehicles, flows and persons in SUMO's XML, in the place of drawn traffic."""
 
     @property
-    def options(self) -> dict[str, str]:
+    def options(self) -> dict[str, Any]:
         """Options of the world."""
         return {} if self.demand is None else {"demand": str(self.demand)}
 
