@@ -61,6 +61,8 @@ class Config:
     size: int = driving.SIZE  # transitions of each expert in a mixture
     episodes: int = 4000  # evaluation episodes of each policy, common to all
     first_episode: int = 60_000_000  # seed of the first one
+    shift: str = ""  # under which all drive, demonstrators too, and their front end
+    front_end: str = ""
 
     def __post_init__(self) -> None:
         """Refuse empty sizes and unknown methods."""
@@ -70,6 +72,9 @@ class Config:
             raise UserError("every method angle must be among the angles of the dial")
         for method in self.methods:
             one_of("method", method, tuple(METHODS))
+        acting = [method for method in self.methods if METHODS[method].get("acts")]
+        if acting and (self.shift or self.front_end):
+            raise UserError(f"under a shift nothing acts in the world: leave out {acting[0]}")
         settings.check_counts(self, COUNTS)
 
     def program(self, seed: int) -> tuple[int, ...]:
@@ -112,8 +117,10 @@ def folder_of(config: Config, method: str, seed: int) -> str:
 
 def jobs(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
-    recording = driving.atlas_demonstrations(config.pool_episodes)
-    episodes = partial(driving.Driving, episodes=config.episodes, first_seed=config.first_episode)
+    faults = {"shift": config.shift, "front_end": config.front_end}
+    recording = driving.atlas_demonstrations(config.pool_episodes, **faults)
+    first = config.first_episode
+    episodes = partial(driving.Driving, episodes=config.episodes, first_seed=first, **faults)
     planned = [
         recording,
         Job("demonstrators", save_demonstrators, recording.config),

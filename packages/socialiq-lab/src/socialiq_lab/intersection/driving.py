@@ -1,7 +1,7 @@
 """Drivers and driving jobs of the intersection: episodes on common seeds, and demonstrations."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -63,6 +63,13 @@ class EpisodesRun:
     episodes: int = EPISODES
     first_seed: int = FIRST_EPISODE
     options: Options = field(default_factory=Options)
+    shift: str = ""  # of the world, and the front end of policies there
+    front_end: str = ""
+
+    @property
+    def world(self) -> Intersection:
+        """World of the episodes."""
+        return Intersection(self.options).shifted(self.shift, self.front_end)
 
     @property
     def seeds(self) -> np.ndarray:
@@ -99,7 +106,7 @@ def drive(
             policy = RolloutPolicy(policy, config.options, cell, discount=discount)
             episodes = episodes_of(Batch(config.options, PLANNED_BATCH), policy, config.seeds)
         else:
-            batch = Batch(config.options, BATCH)
+            batch = config.world.batch(BATCH)
             episodes = episodes_of(batch, policy, config.seeds, deterministic=cell != "soft")
         save_episodes(episodes_at(folder, name, cell), episodes)
         on_progress(number / len(cells))
@@ -233,7 +240,7 @@ def record_experts(
         for name, trained in inputs.items()
         for driver in drivers_of(config, {name: trained}).values()
     ] or [atlas.load(f"expert_{mode}") for mode in MODES]
-    world = Intersection(config.options, config.effects)
+    world = replace(config.world, effects=config.effects)
     for number, (mode, policy) in enumerate(zip(MODES, experts, strict=True)):
         source = {"world": world.description, "expert": policy.provenance}
         seeds = config.seeds + number * config.episodes
@@ -244,17 +251,21 @@ def record_experts(
         on_progress((number + 1) / len(experts))
 
 
-def atlas_demonstrations(episodes: int, effects: EffectOptions | None = None) -> Job:
+def atlas_demonstrations(
+    episodes: int, effects: EffectOptions | None = None, shift: str = "", front_end: str = ""
+) -> Job:
     """Return the job that records demonstrations for studies without experts of their own.
 
-    With `effects` their r_social is what the expert causes.
+    With `effects` their r_social is what the expert causes; with a shift they drive under it.
 
     Raises:
         UserError: If the atlas did not come with the package.
     """
     entries = atlas.manifest()
     sha256 = tuple(entries[f"expert_{mode}"]["sha256"] for mode in MODES)
-    recording = Recording(episodes=episodes, sha256=sha256, effects=effects)
+    recording = Recording(
+        episodes=episodes, sha256=sha256, effects=effects, shift=shift, front_end=front_end
+    )
     return Job(DEMONSTRATIONS, record_experts, recording, cost=20.0)
 
 

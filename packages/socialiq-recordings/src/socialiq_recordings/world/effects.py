@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.effects import HARD, encounter, write
 from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, RELATIONS, REPEAT
 from socialiq_recordings.world.core import snapshot, sub_step
@@ -121,7 +121,7 @@ def _brake(vehicles, at, ends, speed, hardest, moved):
             hardest[vehicle] = 0.0
 
 
-@kernel
+@allocating_kernel
 def _drive(junction, results, at, level, settings, moved):
     """Advance by a decision; add what others drive to (vehicle, 2) totals."""
     vehicles, hardest = results.vehicles[at.row], np.zeros(at.count)
@@ -138,7 +138,7 @@ def _drive(junction, results, at, level, settings, moved):
         moved[vehicle, 0] += vehicles[vehicle].along if vehicle != at.ego else 0.0
 
 
-@kernel
+@allocating_kernel
 def _begin(junction, results, ledger, at, settings, effects):
     """Note where vehicles are, and drive the world without the ego to the common end."""
     road, traffic, row = junction[0], junction[1], at.row
@@ -165,7 +165,7 @@ def _begin(junction, results, ledger, at, settings, effects):
                 ledger.without[row, vehicle, what] += moved[vehicle, what]
 
 
-@kernel
+@allocating_kernel
 def _account(junction, results, ledger, at, settings, effects):
     """Count a decision, and after the last one what follows it to the common end."""
     road, traffic, row, frames = junction[0], junction[1], at.row, settings.frames
@@ -209,7 +209,7 @@ def _account(junction, results, ledger, at, settings, effects):
     write(results, ledger, row, (number, last), moved, encountered, effects)
 
 
-@kernel
+@allocating_kernel
 def _look_ahead(junction, results, ledger, at, number, settings):
     """Write what others do in the next decisions, as `highway.core.effects`."""
     traffic, row, moved = junction[1], at.row, np.zeros((at.count, 2))

@@ -10,7 +10,7 @@ import numpy as np
 from socialiq.physics import overlap_depth
 from socialiq.types import Ending
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.highway.core.vehicle import clip
 from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, REPEAT, SIGNALS
@@ -123,7 +123,7 @@ def prepare(episode, arrivals, number, effects):
     episode.next_identity = effects.first_arrival + number
 
 
-@kernel
+@allocating_kernel
 def copied(buffers, row, most):
     """Return the episode in an array of one, and so many records of vehicles."""
     episodes = np.empty(1, buffers.episodes.dtype)
@@ -150,7 +150,7 @@ def _driving_of(kernels: Any) -> _Driving:
     sub_step, renew = kernels.sub_step, kernels.renew
     leaves, remove = kernels.leaves, kernels.remove
 
-    @kernel
+    @allocating_kernel
     def add(vehicle, speed, ego_identity, road, settings, totals, hardest):
         """Add a sub-step of a vehicle, whose speed was given before it, unless it has left."""
         if vehicle.identity == ego_identity or leaves(vehicle, road):
@@ -160,7 +160,7 @@ def _driving_of(kernels: Any) -> _Driving:
             change = (vehicle.speed - speed) / settings.dt
             hardest[vehicle.identity] = min(hardest[vehicle.identity], change)
 
-    @kernel
+    @allocating_kernel
     def tow(episode, vehicles, wrecked, settings, effects):
         for slot in range(episode.vehicles - 1, -1, -1):
             identity = vehicles[slot].identity
@@ -169,7 +169,7 @@ def _driving_of(kernels: Any) -> _Driving:
                 if wrecked[identity] >= effects.tow_after:
                     remove(episode, vehicles, slot)
 
-    @kernel
+    @allocating_kernel
     def drive_on(
         episodes, vehicles, ego_identity, arrivals, number, wrecked, road, settings, effects, moved
     ):
@@ -201,7 +201,7 @@ def _begin_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     remove, relation = kernels.remove, kernels.relation
     drive_on = driving.drive_on
 
-    @kernel
+    @allocating_kernel
     def begin(buffers, ledger, row, road, settings, effects):
         """Drive the world without the ego to the common end."""
         most = ledger.driven.shape[1]
@@ -247,7 +247,7 @@ def _account_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     relation, same_origin = kernels.relation, kernels.same_origin
     add, tow, follow_up = driving.add, driving.tow, _follow_up_of(kernels, driving)
 
-    @kernel
+    @allocating_kernel
     def closest(buffers, row, frames, road):
         """Return the closest encounter of the ego with a vehicle of another origin."""
         count, ego = buffers.present[row, 0], buffers.present[row, 1]
@@ -260,7 +260,7 @@ def _account_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
                 largest = max(largest, encounter(places[ego], places[slot]))
         return largest
 
-    @kernel
+    @allocating_kernel
     def account(buffers, ledger, row, number, road, settings, effects):
         """Count a decision, and after the last one what follows it."""
         count, ego = buffers.present[row, 0], buffers.present[row, 1]
@@ -296,7 +296,7 @@ def _follow_up_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     release, remove = kernels.release, kernels.remove
     drive_on = driving.drive_on
 
-    @kernel
+    @allocating_kernel
     def follow_up(buffers, ledger, row, number, ego_identity, road, settings, effects, moved):
         """Drive on after the ego's end to the common end."""
         ending, most = buffers.ending[row], len(moved)
@@ -330,7 +330,7 @@ def _look_ahead_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     choose, remove = kernels.choose, kernels.remove
     drive_on = driving.drive_on
 
-    @kernel
+    @allocating_kernel
     def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
         """Write what others do in the next decisions if the ego repeats an action.
 
@@ -381,7 +381,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     begin = _begin_of(kernels, driving)
     account, look_ahead = _account_of(kernels, driving), _look_ahead_of(kernels, driving)
 
-    @kernel
+    @allocating_kernel
     def run(command, buffers, ledger, row, road, settings, effects):
         number = int(np.rint(buffers.episodes[row].time / settings.decision))
         if command == BEGIN:

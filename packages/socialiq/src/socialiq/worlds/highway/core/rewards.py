@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, inlined_kernel, kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, distance
 from socialiq.worlds.highway.core.vehicle import clip
 from socialiq.worlds.highway.network import APPROACH, EXIT
@@ -178,7 +178,7 @@ def neighbours_collided(before, after, count, ego, touched):
 _PERCEPTION = 200.0  # m
 
 
-@kernel
+@allocating_kernel
 def observe(vehicles, count, ego, view, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.core import drivers, rewards, stream
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.effects import effects_of
 from socialiq.worlds.highway.core.geometry import closest_lane, distance, longitudinal, on_lane
 from socialiq.worlds.highway.core.vehicle import advance, collide
@@ -61,7 +61,7 @@ def carry_out_of(kernels: RoadKernels) -> Callable[..., Any]:
     lane_of, sight, turns = kernels.lane, kernels.sight, kernels.turns
     renew, remove, observe_people = kernels.renew, kernels.remove, kernels.observe_people
 
-    @kernel
+    @allocating_kernel
     def observe(vehicles, count, slot_of_agent, people, road, settings, observation):
         agent, along = vehicles[slot_of_agent], np.empty(count)
         lane, turned = lane_of(agent.lane, road), turns(agent, road, settings)
@@ -182,7 +182,7 @@ def _signals_of(kernels: RoadKernels) -> tuple[Callable[..., Any], Callable[...,
     def is_on_road(vehicle, road):
         return on_lane(lane_of(vehicle.lane, road), vehicle.x, vehicle.y, 0.0)
 
-    @kernel
+    @allocating_kernel
     def write_signals(before, after, count, slot_of_agent, start, ending, road, settings, row):
         signals, braking = row
         ego = after[slot_of_agent]
@@ -247,7 +247,7 @@ def _annotate_of(kernels: RoadKernels, observe: Callable[..., Any]) -> Callable[
         buffers.neighbours_collided[result] = crashed
         return ending
 
-    @kernel
+    @allocating_kernel
     def annotate(buffers, row, road, settings):
         """Write the results of all agents, and return whether the episode has ended."""
         after, count = buffers.after[row], buffers.present[row, 0]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, kernel
 
 _TABLES = np.load(Path(__file__).with_name("ziggurat.npy"), allow_pickle=False)
 _INSIDE = _TABLES[0].copy()  # thresholds below which a draw lies inside its layer
@@ -30,7 +30,7 @@ _ZERO = np.uint64(0)
 _POOL = 4  # words of SeedSequence's pool
 
 
-@kernel
+@allocating_kernel
 def seed(episode, entropy):
     """Seed the stream as `numpy.random.default_rng(entropy)` does; entropy is a uint64."""
     pool, constant = np.zeros(_POOL, np.uint64), np.uint64(0x43B0D7E5)

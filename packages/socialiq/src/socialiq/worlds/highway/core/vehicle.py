@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from socialiq import physics
-from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, kernel
 from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
     VEHICLE_WIDTH,
@@ -206,7 +206,7 @@ def _who_struck(ego, partner):
     return _EGO_STRUCK if ego_closes >= other_closes else _EGO_WAS_STRUCK
 
 
-@kernel
+@allocating_kernel
 def _separate(vehicle, partner, sides, dt, tie):
     """Separating-axis test of a vehicle and a rectangle of the given length and width, m.
 

@@ -10,7 +10,13 @@ from jaxtyping import Float32, UInt64
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.core import stream
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel, run_in_parts
+from socialiq.worlds.highway.core.compile import (
+    allocating_kernel,
+    entry_point,
+    fingerprint,
+    kernel,
+    run_in_parts,
+)
 from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
 from socialiq.worlds.highway.core.vehicle import clip, speed_index
 from socialiq.worlds.highway.network import APPROACH, EXIT
@@ -80,7 +86,7 @@ def _place(row, vehicle, tie):
     vehicle.yielding, vehicle.crashed, vehicle.pushed, vehicle.agent = False, False, False, -1
 
 
-@kernel
+@allocating_kernel
 def _route(episode, vehicle, destination):
     """Set origin, destination and leg by the lane; destination 0 is drawn.
 

@@ -21,7 +21,7 @@ import numpy as np
 from socialiq import physics
 from socialiq.worlds.highway import options as columns
 from socialiq.worlds.highway.core import rewards, stream
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
     VEHICLE_WIDTH,
@@ -95,7 +95,7 @@ def _crossings() -> np.ndarray:
 _CROSSINGS = _crossings()
 
 
-@kernel
+@allocating_kernel
 def schedule(episode, vehicles, settings):
     """Draw who arrives, when, where and how, from streams that follow from the episode's."""
     own = np.empty(1, EPISODE)
@@ -342,7 +342,7 @@ near: Any = _near_entry(fingerprint(__file__))
 """Write whether each ego reaches a person who comes into its lane within some seconds, (row,)."""
 
 
-@kernel
+@allocating_kernel
 def observe(vehicles, ego, sight, turns, settings, observation):
     """Write the rows of the nearest people of each class, behind the vehicles', by distance."""
     me, first = vehicles[ego], settings.observed_vehicles

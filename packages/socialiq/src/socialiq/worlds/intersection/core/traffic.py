@@ -6,7 +6,7 @@ import numpy as np
 
 from socialiq.worlds.highway.core import geometry
 from socialiq.worlds.highway.core import vehicle as motion
-from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.compile import allocating_kernel, inlined_kernel, kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
 from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
 from socialiq.worlds.highway.network import EXIT
@@ -142,7 +142,7 @@ WIDE = 0.9 * geometry.VEHICLE_WIDTH
 _SURELY_APART = VEHICLE_LENGTH * VEHICLE_LENGTH * (1 + 1e-9)
 
 
-@kernel
+@allocating_kernel
 def enforce(vehicles, count, settings):
     """Release all vehicles, then stop the yielding vehicle of every pair whose predictions meet.
 
@@ -209,7 +209,7 @@ def _predict(vehicle, predictions):
         predictions[number, 2] = geometry.heading_at(lane, along)
 
 
-@kernel
+@allocating_kernel
 def _predict_held(vehicle, predictions):
     """Write positions and headings at the present speed and angle of the wheels."""
     ahead = np.empty(1, VEHICLE)
