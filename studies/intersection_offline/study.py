@@ -117,7 +117,7 @@ def folder_of(config: Config, method: str, seed: int) -> str:
 
 def jobs(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
-    faults = {"shift": config.shift, "front_end": config.front_end}
+    faults: dict[str, Any] = {"shift": config.shift, "front_end": config.front_end}
     recording = driving.atlas_demonstrations(config.pool_episodes, **faults)
     first = config.first_episode
     episodes = partial(driving.Driving, episodes=config.episodes, first_seed=first, **faults)
