@@ -22,6 +22,7 @@ FIRST = {
     "latency": "shifts.html",
     "audit": "audit.html",
     "recording": "first-recording.html",
+    "inD": "recordings.html",
     "glossary": "glossary.html",
 }
 
