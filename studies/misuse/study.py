@@ -21,6 +21,7 @@ from socialiq.audit.profile.template import USUAL, floor_at
 from socialiq.audit.request import SHIPPED_DIAL, Trust, dial_angles, resolve_references
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Decisive, decide, joint_decision
+from socialiq.evaluation.simulate import Watched
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.statistics.intervals import normal_mean
@@ -28,7 +29,6 @@ from socialiq.storage import packaged_results
 from socialiq.types import Policy, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.registry import make
-from socialiq_lab.intersection.driving import Deciding
 from socialiq_lab.study import Context, Findings, tracked
 
 WORLD = "intersection"
@@ -45,27 +45,6 @@ UNKNOWN = {"kind": "python", "source": "", "sha256": ""}
 """Record of a policy that is none of the references."""
 
 Rows = Float32[np.ndarray, "batch feature"]
-
-
-def switching(
-    audited: Policy,
-    elsewhere: Policy,
-    is_elsewhere: Callable[[Rows], Bool[np.ndarray, " batch"]],
-    n_features: int,
-) -> Deciding:
-    """Return a policy that drives as one in some states, and as another in the rest.
-
-    It sees `n_features`, the time among them; a policy that names no size does not see the time.
-    """
-
-    def decide(observation: np.ndarray) -> np.ndarray:
-        actions = [
-            policy.predict(observation[:, : getattr(policy, "n_features", n_features - 1)])[0]
-            for policy in (elsewhere, audited)
-        ]
-        return np.where(is_elsewhere(observation), *actions)
-
-    return Deciding(n_features, decide)
 
 
 def crowded(most: int) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
@@ -86,17 +65,17 @@ def in_share(share: float) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
 def policies(config: Any) -> Iterator[tuple[str, Policy]]:
     """Yield the policies that are declared: honest, of other angles, switching, rash, rules."""
     world, dial = make(WORLD), DialPolicy.load(packaged_results() / SHIPPED_DIAL)
-    honest, size = dial.at(config.declared), world.n_features + 1
+    honest = dial.at(config.declared)
     yield f"dial at {config.declared:g}", honest
     for angle in (0.0, 30.0):
         yield f"dial at {angle:g}", dial.at(angle)
     bad = {"egoist": dial.at(0.0), "go": world.driver("go"), "wait": world.driver("wait")}
     for name, policy in bad.items():
         for most in config.thresholds:
-            driver = switching(honest, policy, crowded(most), size)
+            driver = Watched(honest, crowded(most), policy)
             yield f"{name} if it sees more than {most}", driver
     for share in config.shares:
-        rash = switching(honest, bad["go"], in_share(share), size)
+        rash = Watched(honest, in_share(share), bad["go"])
         yield f"go in {100 * share:g} % of decisions", rash
     for rule in RULES:
         yield rule, world.driver(rule)

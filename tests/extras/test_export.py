@@ -1,5 +1,6 @@
 """Exported policies choose what the policy itself chooses, in onnxruntime and in PyTorch."""
 
+import dataclasses
 import json
 
 import jax
@@ -26,6 +27,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.unlikeness import Unlikeness
 from socialiq.nn.view import CHOICES
 from socialiq.policies.export import as_torch_module, state_dict, to_onnx, to_safetensors
 from socialiq.policies.front_end import FrontEndPolicy
@@ -258,6 +260,28 @@ def test_exported_weights_are_no_policy_file(tmp_path, capsys):
     assert main(["export", "prosocial", "--format", "torch", "--out", str(out)]) == 0
     assert main(["evaluate", str(out)]) == 2
     assert "not a socialiq file" in capsys.readouterr().err
+
+
+def test_unlikeness_in_the_graph_is_that_of_python(intersection, tmp_path):
+    """On 10,000 rows, of which those of the usual rate and more raise an alarm."""
+    dial = DialPolicy.load(packaged_results() / SHIPPED_DIAL).at(45.0)
+    seen = np.column_stack([intersection, np.arange(DECISIONS) % 13]).astype(np.float32)
+    score = Unlikeness.fit(dial.features(seen[:3000]), dial.features(seen[3000:6000]))
+    policy = dataclasses.replace(dial, unlikeness=score)
+    path = tmp_path / "scored.onnx"
+    path.write_bytes(to_onnx(policy))
+    session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+    actions, unlikeness = session.run(["actions", "unlikeness"], {"observation": seen})
+    np.testing.assert_allclose(unlikeness[:, 0], score(dial.features(seen)), rtol=1e-4)
+    alarms = policy.alarm()(seen)
+    assert np.mean((unlikeness[:, 0] > 1.0) == alarms) > 0.9995
+    assert 0.005 < alarms.mean() < 0.1
+    np.testing.assert_array_equal(actions, dial.predict(seen)[0])
+    through = load_policy(str(path), 71, 3).policy
+    np.testing.assert_array_equal(through.predict(seen)[0], actions)
+    sensed = onnx.load_from_string(to_onnx(policy, FrontEnd(latency=1)))
+    names = ["q_values", "actions", "unlikeness", "memory_after"]
+    assert [output.name for output in sensed.graph.output] == names
 
 
 @pytest.mark.parametrize("text", ["latency=1,track=3,noise=1", "latency=2", "noise=3", "track=3"])

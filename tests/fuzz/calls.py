@@ -47,6 +47,7 @@ BASES: dict[str, list[str]] = {
     "dial": ["crossing5", "--policy", DIAL],
     "turn": [DIAL, "--angle", "30", "--out", OUT],
     "ensemble": [POLICY, POLICY, "--out", OUT],
+    "unlikeness": ["prosocial", "--episodes", "2", "--out", OUT],
     "evaluate": [POLICY, "--world", "crossing5", "--shield", "0"],
     "effects": [
         "intersection",

@@ -2,8 +2,11 @@
 
 import numpy as np
 
+from socialiq.evaluation.simulate import Watched
+from socialiq.nn.q_policy import QPolicy
+from socialiq.worlds.intersection.options import FASTER, SLOWER
 from socialiq.worlds.registry import make
-from studies.misuse.study import across_rows, crowded, in_share, switching
+from studies.misuse.study import across_rows, crowded, in_share
 
 
 def test_a_switching_policy_drives_otherwise_where_more_vehicles_are_in_view():
@@ -11,10 +14,9 @@ def test_a_switching_policy_drives_otherwise_where_more_vehicles_are_in_view():
     seen = np.zeros((3, 71), np.float32)
     for row, vehicles in enumerate((0, 3, 4)):
         seen[row, :70].reshape(10, 7)[: vehicles + 1, 0] = 1.0  # with the ego
-    go, wait = world.driver("go"), world.driver("wait")
-    actions, _ = switching(wait, go, crowded(3), 71).predict(seen)
-    (waiting, going) = (policy.predict(seen[:1, :70])[0][0] for policy in (wait, go))
-    assert actions.tolist() == [waiting, waiting, going]
+    brakes = QPolicy((np.zeros((3, 71)),), (np.array([1.0, 0.0, 0.0]),), "relu", 1.0)
+    actions, _ = Watched(brakes, crowded(3), world.driver("go")).predict(seen)
+    assert actions.tolist() == [SLOWER, SLOWER, FASTER]
 
 
 def test_the_drawn_share_is_as_large_as_named():

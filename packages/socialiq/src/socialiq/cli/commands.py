@@ -36,6 +36,7 @@ COMMANDS = {
     "dial": "socialiq.cli.dial:Dial",
     "turn": "socialiq.cli.export:Turn",
     "ensemble": "socialiq.cli.export:Ensemble",
+    "unlikeness": "socialiq.cli.export:Score",
     "evaluate": "socialiq.cli.evaluate:Evaluate",
     "effects": "socialiq.cli.effects:EffectsOf",
     "population": "socialiq.cli.population:Population",

@@ -11,13 +11,17 @@ from socialiq.audit.request import of_classes, rule_of
 from socialiq.cli.output import complain
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import stands
-from socialiq.evaluation.rollout import record, rollout_env
+from socialiq.evaluation.rollout import rollout_env
+from socialiq.evaluation.simulate import Watched, observations_of
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import Dial, DialPolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.unlikeness import USUAL_RATE
 from socialiq.policies.interface import Interface, Loaded, read_content
 from socialiq.policies.load import load_policy
 from socialiq.storage import kind_of
+from socialiq.types import Policy
 from socialiq.worlds import SUMO_IDS, in_sumo, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
@@ -53,13 +57,19 @@ class OnRoads(Demand):
     front_end: str = ""
     """Perception between sensors and policy, as latency=1,track=3,noise=1; known: as --shift has
     these. exit=own tells the policy its exit, if it was trained with --shift."""
+    fallback: str = ""
+    """Driver of the decisions whose state is unlike training, for a policy of `socialiq
+    unlikeness`: gap_3s, wait, a file; with a rate of false alarms gap_3s=0.05, by default 0.01."""
 
     def check(self, world: str) -> None:
         """Refuse, by a `UserError`, what a world of this name has not."""
         if self.shield and world not in registry.WALKED:
             raise UserError(f"--shield is for people on foot: choose {registry.WALKED[0]}")
-        if (self.shift or self.front_end) and world not in registry.INTERSECTIONS:
-            raise UserError(f"--shift and --front-end are of {registry.INTERSECTIONS[0]}")
+        roads = registry.INTERSECTIONS
+        if (self.shift or self.front_end or self.fallback) and world not in roads:
+            raise UserError(f"--shift, --front-end and --fallback are of {roads[0]}")
+        if self.fallback and self.shield:
+            raise UserError("either --fallback or --shield decides: leave one out")
         if self.demand and not in_sumo(world):
             raise UserError(f"--demand is of SUMO: choose {', '.join(SUMO_IDS)} or a network")
 
@@ -92,6 +102,24 @@ def driver_of(
         unseen = "cyclists" if walks else "people on foot or on bicycles"
         complain(f"{name} observes fewer classes than are here: it does not see {unseen}")
     return loaded
+
+
+def with_fallback(text: str, name: str, loaded: Loaded, world: World) -> Policy:
+    """Return a driver, and where a state is unlike training `DRIVER` or `DRIVER=RATE`.
+
+    Raises:
+        UserError: If the driver has no score of unlikeness, or the text is wrong.
+    """
+    driver, _, rate = text.partition("=")
+    if not text:
+        return loaded.policy
+    if not isinstance(loaded.policy, QPolicy):
+        raise UserError(f"{name} is not one network: --fallback is of policies with a score")
+    try:
+        alarm = loaded.policy.alarm(float(rate or USUAL_RATE))
+    except ValueError as error:
+        raise UserError(f"--fallback {text}: give a rate as {driver}=0.05") from error
+    return Watched(loaded.policy, alarm, driver_of(driver, world).policy)
 
 
 def refuse_misfit(
@@ -132,13 +160,7 @@ def observed(world: Any, dial: Dial[Any]) -> np.ndarray:
         return world.observations()
     if isinstance(world, gymnasium.Env):
         return rollout_env(world, dial.at(dial.low), 1, 0).transitions.observation
-    rows = record(world.batch(16), dial.at(dial.low), range(16), "dial").transitions
-    observations = (rows if rows.n_features == dial.n_features else rows.with_clock()).observation
-    if dial.n_features >= world.n_features:
-        return observations
-    known = max(length for length in world.narrow if length <= dial.n_features)
-    people = range(known, world.n_features)  # whom the dial does not observe
-    return np.delete(observations, people, axis=1)[:, : dial.n_features]
+    return observations_of(world.batch(16), dial.at(dial.low), range(16))
 
 
 def complain_if_it_stands(name: str, dial: Dial[Any], observations: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import OnRoads, dial_of, driver_of, gridworld_of
+from socialiq.cli.drivers import OnRoads, dial_of, driver_of, gridworld_of, with_fallback
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
@@ -24,6 +24,7 @@ from socialiq.evaluation.effects import (
     sums_in,
 )
 from socialiq.evaluation.exact import action_table, evaluate_exactly
+from socialiq.evaluation.simulate import Watched
 from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
@@ -44,7 +45,7 @@ from socialiq.worlds.registry import GRIDWORLDS, WALKED, make, make_grid, open_w
 _WALKED = tuple(name for name in WALKED if not name.endswith(CAUSED))
 _USUAL = EffectOptions().definition["units"]  # options of the measure, with their defaults
 PRINTED = (
-    "policy", "angle", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
+    "policy", "angle", "fallback", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
     "delay_bicycle", "delay_pedestrian", "waiting_pedestrian", "waiting_bicycle", "braking",
     "gap_below_1_s",
     "collision", "arrival", "pedestrian_delay", "pedestrian_hit", "cyclist_delay", "cyclist_hit",
@@ -149,8 +150,10 @@ class EffectsOf(Printing):
                 for name, angle in self.drivers()
             ]
             for name, angle, loaded in opened:
-                effects = measure(world, loaded.policy, seeds, begun, shield=self.road.shield)
+                driver = with_fallback(self.road.fallback, name, loaded, world)
+                effects = measure(world, driver, seeds, begun, shield=self.road.shield)
                 row: Row = {"policy": name, "angle": "" if angle is None else angle}
+                row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
                 rows.append(row | summary(effects))
                 episodes += [row | line for line in by_episode(effects, seeds)]
                 say(f"{name} {row['angle']}: delay {rows[-1]['delay']:.1f} m")

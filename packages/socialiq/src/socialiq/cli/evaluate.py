@@ -20,6 +20,7 @@ from socialiq.evaluation import context, exact, parts
 from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of, policy_row
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.shield import shielded
+from socialiq.evaluation.simulate import Watched
 from socialiq.learners.settings import check_seed
 from socialiq.policies.card import trained_angle
 from socialiq.policies.interface import Record
@@ -103,6 +104,8 @@ class Evaluate(Printing):
         if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
         self.road.check(self.world)
+        if self.road.fallback and (self.soft or self.processes):
+            raise UserError("--fallback goes without --soft and --processes")
         if self.data is not None:
             from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
 
@@ -158,9 +161,10 @@ class Evaluate(Printing):
         world = drivers.intersection_named(*road)
         settings = (name, road, self.angle, self.allow_code, self.soft, shield, size)
         with drivers.driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
+            driver = drivers.with_fallback(self.road.fallback, name, loaded, world)
             if not self.processes:
                 batch, seeds = world.batch(size), np.array(self._seeds)
-                policy = shielded(loaded.policy, batch, shield)
+                policy = shielded(driver, batch, shield)
                 episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
             elif name == "random" or (self.soft and not loaded.record.soft):
                 raise parts.draws_in_order(name)
@@ -175,7 +179,8 @@ class Evaluate(Printing):
                 drivers.complain_if_it_stands(name, dial, drivers.observed(plain, dial))
         # With discrete actions the ego follows its lane.
         row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
-        method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
+        method: dict[str, Any] = {"method": f"{self.episodes} episodes, seed {self.seed}"}
+        method |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
         row = method | {key: value for key, value in row.items() if key != "policy"}
         return row, target_of(loaded.record)
 

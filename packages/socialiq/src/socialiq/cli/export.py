@@ -1,28 +1,37 @@
-"""`export`, `turn` and `ensemble`: policies for other programs, of one angle, or of several."""
+"""`export`, `turn`, `unlikeness` and `ensemble`: policies for other programs, made of others."""
 
 import functools
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
-from socialiq.cli.output import Printing
+from socialiq.cli.drivers import driver_of, intersection_named
+from socialiq.cli.output import Printing, listed
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.episodes import SIDE_BY_SIDE
+from socialiq.evaluation.simulate import observations_of
 from socialiq.foreign import one_line
+from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
+from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.saved import Saved
+from socialiq.nn.unlikeness import Unlikeness
 from socialiq.outputs import all_or_none, new_folder, refuse_existing
 from socialiq.policies import card, export, load
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
+from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.perception import FrontEnd
+from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.situation import ContextPolicy
 
 FORMATS = {
@@ -214,6 +223,58 @@ class Turn(Printing):
         sha256 = policy.save(self.out, replace=False)
         written = {"out": str(self.out), **turned, "sha256": sha256}
         return self.show(written, [written])
+
+
+@dataclass(frozen=True)
+class Score(Printing):
+    """Write a policy with a score of how unlike its training world a state is.
+
+    It drives three blocks of episodes in its declared world. The score is fitted on the first, its
+    thresholds by rates of false alarms on the second, and three rates are tested on the third.
+    `evaluate --fallback` uses the score, and ONNX has it as an output.
+
+    Example: socialiq unlikeness dial.safetensors --angle 45 --out driver.safetensors
+    """
+
+    policy: Annotated[Path, tyro.conf.Positional]
+    """Policy file of the intersection with discrete actions, a dial, or a name of the atlas."""
+    out: Path
+    """Policy file to write."""
+    angle: float | None = None
+    """Social angle of a dial, in degrees."""
+    world: str = "intersection"
+    """The declared world: intersection, or one with crosswalks."""
+    shift: str = ""
+    """Shift of the declared world, as of `socialiq evaluate`."""
+    front_end: str = ""
+    """Perception before the policy, as of `socialiq evaluate`."""
+    episodes: int = 500
+    """Episodes of each block."""
+    seed: int = 0
+    """Seed of the first episode."""
+
+    def run(self) -> int:
+        """Drive, fit, write, test, print."""
+        check_seed(self.seed)
+        one_of("world", self.world, INTERSECTIONS)
+        refuse_existing(self.out)
+        if self.episodes < 2:
+            raise UserError(f"--episodes {self.episodes}: give 2 or more")
+        world = intersection_named(self.world, self.shift, self.front_end)
+        policy = driver_of(str(self.policy), world, self.angle).policy
+        if not isinstance(policy, QPolicy):
+            raise UserError(f"{self.policy} is not one network of discrete actions: name another")
+        batch = world.batch(min(self.episodes, SIDE_BY_SIDE))
+        blocks = self.seed + np.arange(3 * self.episodes).reshape(3, -1)
+        fitted, held_out, fresh = (observations_of(batch, policy, seeds) for seeds in blocks)
+        about = {"world": world.description, "episodes": self.episodes, "seed": self.seed}
+        policy = replace(policy, provenance={**policy.provenance, "unlikeness": about})
+        score = Unlikeness.fit(policy.features(fitted), policy.features(held_out))
+        policy = replace(policy, unlikeness=score)
+        written: Row = {"out": str(self.out), "sha256": policy.save(self.out, replace=False)}
+        for rate in (0.001, 0.01, 0.1):
+            written[f"alarms at {rate:g}"] = float(policy.alarm(rate)(fresh).mean())
+        return self.show(written, listed(written))
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.evaluation.simulate import Watched
 from socialiq.types import Policy
 from socialiq.worlds.highway.core.compile import run_in_parts
 from socialiq.worlds.highway.world import RoadBatch
-from socialiq.worlds.intersection.options import SLOWER, settings_of
+from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.options import settings_of
 from socialiq.worlds.intersection.world import Batch
 
 
-class Shield:
+class Shield(Watched):
     """A policy that goes slower where the time to collision with a person is below a threshold.
 
     The person walks in the ego's lane or towards it. The time is that of the ego's way at its
@@ -32,26 +33,17 @@ class Shield:
             raise UserError("a shield is for people on foot: choose a world with crosswalks")
         if not 0.0 < seconds < math.inf:
             raise UserError(f"a shield needs a positive number of seconds, got {seconds:g}")
-        self._policy, self._batch, self._seconds = policy, batch, float(seconds)
-        self._settings = settings_of(batch.options)
-        self.n_features = getattr(policy, "n_features", None)
+        settings = settings_of(batch.options)
 
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Return the policy's actions, or to go slower."""
-        from socialiq.worlds.intersection.core.people import near
+        def is_near(_rows: np.ndarray) -> np.ndarray:
+            from socialiq.worlds.intersection.core.people import near
 
-        options = {"state": state, "deterministic": deterministic}
-        actions, state = self._policy.predict(observation, episode_start=episode_start, **options)
-        buffers, braking = self._batch.buffers, np.zeros(self._batch.size, bool)
-        arguments = buffers.episodes, buffers.vehicles, self._settings, self._seconds, braking
-        run_in_parts(near, 1, self._batch.size, *arguments)
-        return np.where(braking, SLOWER, actions), state
+            buffers, braking = batch.buffers, np.zeros(batch.size, bool)
+            arguments = buffers.episodes, buffers.vehicles, settings, float(seconds), braking
+            run_in_parts(near, 1, batch.size, *arguments)
+            return braking
+
+        super().__init__(policy, is_near, policies.policy("wait"))
 
 
 def shielded(policy: Policy, batch: RoadBatch, seconds: float) -> Policy:

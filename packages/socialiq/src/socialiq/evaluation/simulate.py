@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int64, Shaped
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy, RewardPair, is_unit_box
+from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.world import Actor, Simulator
 
 SOFT = 4172  # makes draws of soft policies independent of other draws from the same seed
@@ -97,11 +98,61 @@ def actor_of(simulator: Simulator, policy: Policy, deterministic: bool = True) -
     return PolicyActor(policy, simulator, deterministic)
 
 
+def observations_of(
+    simulator: Simulator, policy: Policy, seeds: Sequence[int] | np.ndarray
+) -> np.ndarray:
+    """Return what a policy observes in each decision of one episode for each seed."""
+    watched = Watched(policy, np.copy)
+    for _ in play(simulator, watched, seeds):
+        pass
+    return np.concatenate(watched.kept)
+
+
 class _Stateless:
     """Actor that keeps nothing of an episode."""
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
         """Do nothing."""
+
+
+class Watched:
+    """A policy that notes something of each observation; a fallback decides where that is true.
+
+    The fallback gets as many features as it names; one that names none does not see the time.
+
+    Attributes:
+        noted: Of all rows of the last call.
+        kept: Of the rows whose episodes were running, an array for each decision of `PolicyActor`.
+    """
+
+    def __init__(
+        self, policy: Any, note: Callable[[np.ndarray], np.ndarray], fallback: Policy | None = None
+    ) -> None:
+        self._policy, self._note, self._fallback = policy, note, fallback
+        self.n_features = getattr(policy, "n_features", None)
+        self.noted, self.kept = np.zeros(0), list[np.ndarray]()
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose actions, as `types.Policy`."""
+        self.noted = self._note(np.atleast_2d(observation))
+        actions, state = self._policy.predict(observation, state, episode_start, deterministic)
+        if self._fallback is None:
+            return actions, state
+        length = np.shape(observation)[-1]
+        length = getattr(self._fallback, "n_features", length - length % len(FEATURES))
+        chosen, _ = self._fallback.predict(np.asarray(observation)[..., :length])
+        return np.where(self.noted.reshape(np.shape(actions)), chosen, actions), state
+
+    @property
+    def share(self) -> float:
+        """Share of the decisions kept in which what was noted is true."""
+        return float(np.concatenate(self.kept).mean())
 
 
 class PolicyActor(_Stateless):
@@ -135,6 +186,8 @@ class PolicyActor(_Stateless):
             answer, self._memory = self._policy.predict(
                 shown_input, self._memory, episode_start=begun, deterministic=self._deterministic
             )
+        if isinstance(self._policy, Watched):
+            self._policy.kept.append(self._policy.noted[running])
         if self._checked is not None:
             return self._checked(answer, len(running))
         actions = np.asarray(answer)

@@ -8,7 +8,7 @@ the best action nor softmax(Q/τ) of the mean.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,11 @@ class EnsemblePolicy(ValuePolicy):
             UserError: If there are none or too many, or they differ in features, actions or
                 temperature.
         """
-        networks = tuple(network for member in members for network in members_of(member))
+        networks = tuple(
+            replace(network, unlikeness=None)  # which reads the features of one network
+            for member in members
+            for network in members_of(member)
+        )
         if fault := _fault(networks):
             raise UserError(f"an ensemble {fault}")
         if provenance is None:

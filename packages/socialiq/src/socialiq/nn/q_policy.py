@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError, one_of
-from socialiq.nn.saved import Saved, SavedNetwork
+from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, refusal
+from socialiq.nn.unlikeness import PREFIX, RATES, USUAL_RATE, Unlikeness
 from socialiq.nn.view import Encoding
 from socialiq.types import Memoryless
 
@@ -131,10 +133,11 @@ def fields_of_network(network: Any) -> dict[str, Any]:
 class QPolicy(SavedNetwork, ValuePolicy):
     """Policy that selects actions from a Q-network: greedy, or from softmax(Q/τ).
 
-    Attributes are those of `SavedNetwork` and `ValuePolicy`.
+    Attributes are those of `SavedNetwork` and `ValuePolicy`, and `unlikeness`, the score of how
+    unlike training a state is, if there is one.
     """
 
-    KIND, VERSIONS, SETTINGS, NO_VIEW = "policy", (2,), ("temperature",), {"view": None}
+    KIND, VERSIONS, SETTINGS, NO_VIEW = "policy", (2, 3), ("temperature",), {"view": None}
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -144,6 +147,7 @@ class QPolicy(SavedNetwork, ValuePolicy):
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     view: Encoding | None = None
     sha256: str = ""
+    unlikeness: Unlikeness | None = None
 
     @staticmethod
     def of(
@@ -179,6 +183,48 @@ class QPolicy(SavedNetwork, ValuePolicy):
     ) -> Float[np.ndarray, "batch action"]:
         """Return Q of each observation and action, shape (batch, actions)."""
         return self.forward(checked_batch(observations, self.n_features))
+
+    def features(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch output"]:
+        """Return the outputs of the last hidden layer, which `unlikeness` reads."""
+        batch = checked_batch(observations, self.n_features)
+        return self.hidden(self.view(batch) if self.view else batch)
+
+    def alarm(self, rate: float = USUAL_RATE) -> Callable[[np.ndarray], np.ndarray]:
+        """Return whether observations are unlike training, at a rate of false alarms.
+
+        Raises:
+            UserError: If the policy has no score, or none for the rate.
+        """
+        if (score := self.unlikeness) is None:
+            raise UserError("no score of unlikeness: add one by `socialiq unlikeness`")
+        if not RATES[0] <= rate <= RATES[-1]:
+            raise UserError(f"a rate of false alarms is from {RATES[0]:g} to {RATES[-1]:g}")
+        threshold = np.interp(rate, RATES, score.thresholds)
+        return lambda rows: score(self.features(rows)) > threshold
+
+    @property
+    def version(self) -> int:
+        """Schema version that is written: 3 with a score of unlikeness."""
+        return 2 if self.unlikeness is None else 3
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the policy's file."""
+        arrays, header = super().content()
+        score = vars(self.unlikeness) if self.unlikeness else {}
+        return arrays | {PREFIX + name: array for name, array in score.items()}, header
+
+    @classmethod
+    def checked(cls, path: Path, arrays: Arrays, header: Header, extra: int = 0) -> QPolicy:
+        """Build the policy as `SavedNetwork.checked`, with its score of unlikeness if any."""
+        policy = super().checked(path, arrays, header, extra)
+        if not any(name.startswith(PREFIX) for name in arrays):
+            return policy
+        score = Unlikeness.of_arrays(arrays, policy.weights[-1].shape[1])
+        if score is None:
+            raise refusal(path, "has a score of unlikeness that doesn't fit its layers")
+        return replace(policy, unlikeness=score)
 
     def has_sound_settings(self) -> bool:
         """Whether the temperature is a positive, finite float."""

@@ -149,9 +149,13 @@ class SavedNetwork(Saved):
 
     def layers(self, inputs: np.ndarray) -> np.ndarray:
         """Return the outputs of the last layer for the first layer's inputs, (batch, inputs)."""
+        return self.hidden(inputs) @ self.weights[-1].T + self.biases[-1]
+
+    def hidden(self, inputs: np.ndarray) -> np.ndarray:
+        """Return the outputs of the last hidden layer for the first layer's inputs."""
         value, activation = inputs, ACTIVATIONS[self.activation]
-        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            value = (activation(value) if number else value) @ weight.T + bias
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            value = activation(value @ weight.T + bias)
         return value
 
     @abstractmethod

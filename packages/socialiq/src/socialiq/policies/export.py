@@ -18,6 +18,7 @@ from socialiq.foreign import optional
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.unlikeness import Unlikeness
 from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, ROW, SECONDS, OneHot, View, row_width
 from socialiq.policies.front_end import MEMORY, NEXT, SENSED, Node, Nodes
 from socialiq.worlds.intersection.perception import FrontEnd
@@ -27,8 +28,8 @@ Exported = QPolicy | EnsemblePolicy | ActorPolicy
 
 OPSET = 17
 IR_VERSION = 8
-INPUT, SCORES, ACTIONS = "observation", "q_values", "actions"
-"""Names of the input and of the two outputs."""
+INPUT, SCORES, ACTIONS, UNLIKENESS = "observation", "q_values", "actions", "unlikeness"
+"""Names of the input and of the outputs."""
 
 # Places in a row of (x, y) of position, velocity and heading; and of the same as (y, x).
 _TURNS = {"along": (1, 2, 3, 4, 5, 6), "across": (2, 1, 4, 3, 6, 5)}
@@ -41,6 +42,9 @@ def to_onnx(policy: Exported, front_end: FrontEnd | None = None) -> bytes:
     It takes float32 (batch, features) and has two outputs: `q_values`, float32 (batch, actions),
     and `actions`, int64 (batch,), the best action, of equal ones the first, as `QPolicy.predict`.
     An actor has one output, `actions`, float32 (batch, size): its deterministic action in [-1, 1].
+
+    A score of unlikeness is a further output, `unlikeness`, float32 (batch, 1), above 1 where it
+    raises an alarm at the usual rate.
 
     With a front end the inputs are what the sensors show, `sensed`, and `memory`, zeros where an
     episode begins; the further output `memory_after` is the memory of the next decision.
@@ -65,6 +69,8 @@ def to_onnx(policy: Exported, front_end: FrontEnd | None = None) -> bytes:
         temperature = repr(policy.temperature)
         scores = info(SCORES, kinds.FLOAT, ["batch", policy.n_actions])
         outputs = [scores, info(ACTIONS, kinds.INT64, ["batch"])]
+        if isinstance(policy, QPolicy) and policy.unlikeness is not None:
+            outputs.append(info(graph.unlikeness(policy.unlikeness), kinds.FLOAT, ["batch", 1]))
     inputs = [info(INPUT, kinds.FLOAT, ["batch", policy.n_features])]
     if front_end is not None:
         width = graph.sense(policy.n_features, front_end)
@@ -95,7 +101,7 @@ class _Graph:
     """Nodes and constants of a graph, added from the observation onwards."""
 
     def __init__(self, onnx: Any) -> None:
-        self._onnx = onnx
+        self._onnx, self._hidden = onnx, INPUT
         self.nodes: list[Any] = []
         self.constants: dict[str, np.ndarray] = {}
 
@@ -165,9 +171,22 @@ class _Graph:
         for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
             if number:
                 value = self.add(_ACTIVATIONS[policy.activation], [value], f"activation_{number}")
+            self._hidden = value
             output = name if number == len(weights) - 1 else ""
             value = self.affine(value, weight, bias, f"layer_{number}", output)
         return value
+
+    def unlikeness(self, score: Unlikeness) -> str:
+        """Add the score of a policy's last hidden layer; return its name."""
+        arrays = vars(score) | {"axis": np.array([1])}
+        mean, factor, axis = (
+            self.constant(f"{UNLIKENESS}.{name}", arrays[name])
+            for name in ("mean", "factor", "axis")
+        )
+        centred = self.add("Sub", [self._hidden, mean], f"{UNLIKENESS}.centred")
+        white = self.add("MatMul", [centred, factor], f"{UNLIKENESS}.white")
+        squares = self.add("Mul", [white, white], f"{UNLIKENESS}.squares")
+        return self.add("ReduceSum", [squares, axis], UNLIKENESS)
 
     def _places(self, read: str, values: list[int], name: str) -> str:
         """Add the comparison of read features with values, 1 where they are equal."""

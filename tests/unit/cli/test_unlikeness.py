@@ -1,0 +1,92 @@
+"""`unlikeness` and `--fallback`: who decides, which share, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.evaluation.simulate import Watched, play
+from socialiq.nn.q_policy import QPolicy
+from socialiq.worlds.intersection.world import Intersection
+
+ROAD = ["--world", "intersection", "--episodes", "6"]
+
+
+@pytest.fixture(scope="module", name="scored")
+def scored_file(tmp_path_factory):
+    out = tmp_path_factory.mktemp("scored") / "driver.safetensors"
+    assert main(["unlikeness", "prosocial", "--episodes", "20", "--out", str(out)]) == 0
+    return str(out)
+
+
+def result(words, capsys):
+    assert main([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_file_drives_as_before_and_says_how_it_was_scored(scored, capsys):
+    policy = QPolicy.load(scored)
+    assert policy.unlikeness is not None
+    assert policy.provenance["unlikeness"]["episodes"] == 20
+    scores = [result(["evaluate", name, *ROAD], capsys)["r_env"] for name in (scored, "prosocial")]
+    assert scores[0] == scores[1]
+
+
+def test_a_fallback_decides_where_the_alarm_is_raised(scored, capsys):
+    """It has more to decide where noise is of 60 m; both commands say the share."""
+    own, noisy = (
+        result(["evaluate", scored, *ROAD, "--fallback", "wait=0.1", *more], capsys)
+        for more in ([], ["--shift", "noise=60"])
+    )
+    assert own["fallback"] < 0.2 < noisy["fallback"] < 1.0
+    words = ["effects", "intersection", "--policy", scored, "--episodes", "2"]
+    drivers = result([*words, "--fallback", "wait=0.5"], capsys)["drivers"]
+    assert 0.0 < drivers[0]["fallback"] < 1.0
+
+
+def test_the_share_is_of_running_episodes_alone():
+    world, policy = Intersection(), Intersection().driver("go")
+    watched = Watched(policy, lambda rows: np.ones(len(rows), bool), world.driver("wait"))
+    steps = list(play(world.batch(4), watched, range(6)))
+    assert watched.share == 1.0
+    assert sum(map(len, watched.kept)) == sum(step.running.sum() for step in steps)
+    assert all((step.action == 0).all() for step in steps)  # slower, always
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["prosocial", *ROAD, "--fallback", "wait"], "no score of unlikeness"),
+        (["wait", *ROAD, "--fallback", "wait"], "wait is not one network"),
+        (["{scored}", *ROAD, "--fallback", "frog"], "unknown driver 'frog'"),
+        (["{scored}", *ROAD, "--fallback", "wait=x"], "give a rate as wait=0.05"),
+        (["{scored}", *ROAD, "--fallback", "wait=0.9"], "from 0.001 to 0.5"),
+        (["{scored}", *ROAD, "--fallback", "wait", "--soft"], "goes without --soft"),
+        (["{scored}", "--world", "crossing7", "--fallback", "wait"], "are of intersection"),
+    ],
+)
+def test_mistakes_are_one_line(words, said, scored, capsys):
+    assert main(["evaluate", *(word.format(scored=scored) for word in words)]) == 2
+    line = capsys.readouterr().err
+    assert said in line and line.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["gap_3s"], "gap_3s is not one network"),
+        (["prosocial", "--episodes", "1"], "give 2 or more"),
+        (["prosocial", "--world", "crossing7"], "unknown world"),
+        (["nowhere.safetensors"], "nowhere.safetensors"),
+    ],
+)
+def test_what_has_no_score_is_one_line(words, said, capsys, tmp_path):
+    assert main(["unlikeness", *words, "--out", str(tmp_path / "new.safetensors")]) == 2
+    line = capsys.readouterr().err
+    assert said in line and line.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+def test_a_fallback_of_effects_is_of_the_intersection(scored, capsys):
+    assert main(["effects", "merge", "--policy", scored, "--fallback", "wait"]) == 2
+    assert "are of intersection" in capsys.readouterr().err
