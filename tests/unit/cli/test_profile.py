@@ -123,6 +123,10 @@ CLIPPED = ["--margin", "0.5", "--clip-env", "-5", "9", "--clip-social", "-4", "4
         ("crossing7", 45, [], 0.5, 15.0, 9.264),
         ("roundabout", 45, [], 1.0, None, None),  # no dial of it is shipped
         ("roundabout", 0, [*CLIPPED, "--width", "15"], 0.5, 15.0, 14.0),
+        ("intersection-crosswalk-0", 0, [], 0.5, 30.0, 42.0),
+        ("intersection-crosswalk", 0, [], 0.5, 45.0, 42.0),
+        ("intersection-crosswalk", 0, ["--set", "class_angle=60"], 0.5, None, 42.0),
+        ("intersection-crosswalk-bicycles", 0, [], 0.5, None, 42.0),
     ],
 )
 def test_the_defaults_of_a_world(tmp_path, world, angle, more, margin, width, loss):

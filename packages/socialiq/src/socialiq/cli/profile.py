@@ -55,7 +55,8 @@ class New:
     intersection and in crossing7, 0.15 in crossing5, else 1."""
     width: float | None = None
     """Largest distance of the direction of the driving from the declared angle, in degrees; by
-    default 15 where this package has reference drivers of all angles, else none is declared."""
+    default 15 where this package has reference drivers of all angles (30 or 45 where it can't show
+    15), else none is declared."""
     beyond: float | None = None
     """Largest share of episodes in which the policy may drive beyond either end of the width, by
     more than twice the margin; by default 0.075 with a width."""
@@ -133,7 +134,8 @@ class New:
             except ValueError as error:
                 raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
         options = world_options(self.set)
-        usual, loss = template.USUAL.get(self.world, template.Usual(1.0)), self.largest_loss
+        usual = template.usual_in(self.world, spelled_out(self.world, options)[1])
+        loss = self.largest_loss
         margin = usual.margin if self.margin is None else self.margin
         if (self.clip_env is None) != (self.clip_social is None):
             raise UserError("both rewards are clipped or none: give --clip-env and --clip-social")

@@ -87,10 +87,23 @@ USUAL = {
     "crossing5": Usual(0.15, 15.0, 0.075),
     "crossing7": Usual(0.5, 15.0, 0.075),
     **dict.fromkeys(CROSSWALKS, Usual(0.5, 15.0, 0.075)),
-    # No episode of the shipped dial is beyond; a width of 15 degrees can't be shown at all weights.
-    **{name: Usual(0.5, clip=Clip((-30.0, 12.0), (-30.0, 12.0))) for name in _WALKED},
+    # No episode of the shipped dial is beyond.
+    **{name: Usual(0.5, None, 0.075, Clip((-30.0, 12.0), (-30.0, 12.0))) for name in _WALKED},
 }
 """Defaults by world (docs/audit.md#the-defaults); elsewhere no reference dial is shipped."""
+
+_WIDTHS = ((0.0, 30.0), (45.0, 45.0))
+"""Width where people walk, in degrees, up to a class angle. Beyond, no width can be shown: there
+the dial drives nearly alike from 0 to 60 degrees."""
+
+
+def usual_in(world: str, options: Mapping[str, Any]) -> Usual:
+    """Return the defaults in a world with its options (`spelled_out`)."""
+    usual = USUAL.get(world, Usual(1.0))
+    if world not in _WALKED or options.get("cyclist_rate"):  # the dial sees no cyclists
+        return usual
+    widths = (width for last, width in _WIDTHS if options["class_angle"] <= last)
+    return usual._replace(width=next(widths, None))
 
 
 def declare(
