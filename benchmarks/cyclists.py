@@ -1,4 +1,4 @@
-"""How often two cyclists of `intersection-crosswalk-bicycles` ride or stand in each other.
+"""Shares of time in which two cyclists of `intersection-crosswalk-bicycles` overlap.
 
     python benchmarks/cyclists.py
 
