@@ -1,7 +1,8 @@
 """Dials and rules outside the world that they were made for, with and without a front end.
 
-One dial is trained over shifts (`evaluation.road_training.shifted`), the shipped one is not. All
-drive the same episodes of each shift, on seeds that no training has seen.
+Dials are trained over shifts (`evaluation.road_training.shifted`), the shipped one is not; the mean
+of the trained ones' values is a policy of its own. All drive the same episodes of each shift, on
+seeds that no training has seen.
 """
 
 import dataclasses
@@ -18,6 +19,7 @@ from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
 from socialiq.learners import policy_iteration
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.intervals import normal_mean, wilson
@@ -34,9 +36,11 @@ from socialiq_lab.tables import groups
 
 RULES = ("go", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "idm")
 CELLS = "cells.csv"
+OWN = f"{KNOWN},exit=own"
+"""Front end of dials that are trained over shifts."""
 
-START, TRAINED = "start", "randomised"
-"""Stages: the shipped dial, and dials that are trained over shifts."""
+START, TRAINED, ENSEMBLE = "start", "randomised", "ensemble"
+"""Drivers: the shipped dial, dials that are trained over shifts, and the mean of these."""
 
 OTHERS = ("late", "unseen-30", "noise-3")
 TRAINING = (
@@ -61,7 +65,7 @@ class Config:
     Training seed 100 and episodes from 900,000,000 on were used in development.
     """
 
-    seeds: tuple[int, ...] = (200,)
+    seeds: tuple[int, ...] = (200, 201, 202, 203, 204)
     start: str = "intersection-dial-clock/iterated.safetensors"
     structure: policy_iteration.DialIterationConfig = STRUCTURE
     numbers: policy_iteration.IterationHyperparameters = NUMBERS
@@ -98,6 +102,10 @@ class Driving:
     seeds: tuple[int, ...]
 
 
+class Together(Driving):
+    """Configuration of the episodes of all dials as one ensemble."""
+
+
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
@@ -116,12 +124,19 @@ def _drivers(
     config: Driving, inputs: Mapping[str, Path]
 ) -> Iterator[tuple[Row, Policy, str, tuple[float, ...]]]:
     """Yield label, policy, front end and the angles at which the episodes count."""
-    for name, folder in inputs.items():
-        dial, (stage, _, seed) = DialPolicy.load(folder / driving.DIAL), name.partition("/")
-        fronts = ("", KNOWN) if stage == START else (f"{KNOWN},exit=own",)
+    dials = {name: DialPolicy.load(folder / driving.DIAL) for name, folder in inputs.items()}
+    if isinstance(config, Together):
+        label: Row = {"driver": ENSEMBLE, "seed": "", "front_end": OWN}
+        for angle in config.angles:
+            policy = EnsemblePolicy.of([dial.at(angle) for dial in dials.values()])
+            yield label, policy, OWN, (angle,)
+        return
+    for name, dial in dials.items():
+        stage, _, seed = name.partition("/")
+        fronts = ("", KNOWN) if stage == START else (OWN,)
         for front_end, angle in itertools.product(fronts, config.angles):
-            label = {"driver": "dial" if stage == START else stage, "seed": seed}
-            label |= {"front_end": front_end}
+            driver = "dial" if stage == START else stage
+            label = {"driver": driver, "seed": seed, "front_end": front_end}
             yield label, dial.at(angle), front_end, (angle,)
     for name, front_end in itertools.product(RULES if START in inputs else (), ("", KNOWN)):
         label = {"driver": name, "seed": "", "front_end": front_end}
@@ -142,23 +157,24 @@ def jobs(config: Config) -> list[Job]:
     """Return the jobs: the dials, then the episodes of each shift; rules drive beside the first."""
     dials = list(trainings(config))
     seeds = driving.seeds_of_blocks(config.blocks, config.episodes)
+    names = [dial.name for dial in dials]
+    driven = [(name, Driving, (name,)) for name in names] + [(ENSEMBLE, Together, names[1:])]
     return dials + [
-        Job(
-            _driven(dial.name, shift), drive, Driving(shift, config.angles, seeds), (dial.name,), 30
-        )
-        for dial, shift in itertools.product(dials, config.shifts)
+        Job(_driven(name, shift), drive, kind(shift, config.angles, seeds), tuple(inputs), 30)
+        for (name, kind, inputs), shift in itertools.product(driven, config.shifts)
     ]
 
 
-def _driven(dial: str, shift: str) -> str:
-    return f"driving/{dial}/{shift}"
+def _driven(driver: str, shift: str) -> str:
+    return f"driving/{driver}/{shift}"
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Return every cell, and for each shift and angle the dials beside the best rule."""
     cells: list[Row] = []
-    for shift, dial in itertools.product(config.shifts, trainings(config)):
-        cells += from_csv(context.work / _driven(dial.name, shift) / CELLS)
+    drivers = [*(dial.name for dial in trainings(config)), ENSEMBLE]
+    for shift, driver in itertools.product(config.shifts, drivers):
+        cells += from_csv(context.work / _driven(driver, shift) / CELLS)
     compared = [
         {"shift": shift, "angle": angle} | _compared(rows)
         for (shift, angle), rows in groups(cells, "shift", "angle").items()
@@ -167,7 +183,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         f"{TRAINED}-{seed}.safetensors": (
             context.work / TRAINED / str(seed) / driving.DIAL
         ).read_bytes()
-        for seed in config.seeds[:1]
+        for seed in config.seeds
     }
     return Findings({"cells": cells, "compared": compared}, _summary(compared), files)
 
@@ -178,9 +194,12 @@ def _compared(cells: list[Row]) -> Row:
     for (driver, front_end), rows in groups(cells, "driver", "front_end").items():
         if driver in RULES:
             continue
-        name = driver if driver == TRAINED or not front_end else f"{driver}_front"
+        name = f"{driver}_front" if driver == "dial" and front_end else driver
         row[name] = float(np.mean([cell["value"] for cell in rows]))
-        row[f"{name}_collision"] = float(np.mean([cell["collision"] for cell in rows]))
+        collisions = [cell["collision"] for cell in rows]
+        row[f"{name}_collision"] = float(np.mean(collisions))
+        if driver == TRAINED:
+            row[f"{name}_collision_largest"] = max(collisions)
     best = max((cell for cell in cells if cell["driver"] in RULES), key=lambda cell: cell["value"])
     rule = best["driver"] + (" with front end" if best["front_end"] else "")
     return row | {"rule": best["value"], "rule_collision": best["collision"], "best_rule": rule}
@@ -189,7 +208,7 @@ def _compared(cells: list[Row]) -> Row:
 def _summary(compared: list[Row]) -> dict[str, Any]:
     """Return for each driver the largest collisions and loss at 45 degrees, and cells ahead."""
     summary: dict[str, Any] = {"cells": len(compared)}
-    for name in ("dial", "dial_front", TRAINED):
+    for name in ("dial", "dial_front", TRAINED, ENSEMBLE):
         at_45 = [row for row in compared if row["angle"] == 45.0]
         clean = next((row[name] for row in at_45 if row["shift"] == "none"), None)
         summary[name] = {
