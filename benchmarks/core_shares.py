@@ -1,4 +1,4 @@
-"""Where the intersection's core spends its time, and what SIMD lanes could gain at most.
+"""Shares of the time of the intersection's core, and the gain that SIMD lanes have at most.
 
     python benchmarks/core_shares.py
 

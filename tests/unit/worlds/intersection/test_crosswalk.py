@@ -23,6 +23,7 @@ from socialiq.worlds.intersection.core.people import (
     WALKING,
 )
 from socialiq.worlds.intersection.crosswalk import PERSON, CrosswalkOptions, people
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
 
 ROWS, VEHICLES = 60, 70  # episodes; numbers of the vehicles' rows
@@ -249,6 +250,25 @@ def test_an_ego_that_turns_hits_who_rides_across_its_way_unless_it_waits(hits):
     if hits:
         cost = options.collision_weight + options.cyclist_collision_weight
         assert near[-1].rewards.env[0] == cost
+
+
+def test_cyclists_keep_behind_each_other():
+    """By the middles of riders that have entered on the same arm, each decision of dense riding."""
+    options = CrosswalkOptions(pedestrian_rate=0.0, cyclist_rate=0.4)
+    batch = Intersection(options).batch(30)
+    batch.reset(np.arange(30))
+    gaps = []
+    for _ in range(15):
+        batch.step(np.zeros(30, np.int64), auto_reset=False, rows=batch.running)
+        riders = batch.save().vehicles[:, options.capacity - options.riders :]
+        there = np.isin(riders["leg"], (WAITING, WALKING))
+        along = riders["along_x"] * riders["x"] + riders["along_y"] * riders["y"]
+        place = np.where(there, 1000.0 * riders["origin"] + along, np.nan)
+        near = np.diff(np.sort(place, axis=1), axis=1)
+        gaps.append(near[near < 100.0])
+    gaps = np.concatenate(gaps)
+    assert len(gaps) > 300
+    assert (gaps < 1.7).mean() < 0.01
 
 
 def test_cyclists_have_rows_of_their_own_that_older_policies_do_not_see():

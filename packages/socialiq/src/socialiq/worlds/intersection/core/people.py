@@ -62,6 +62,7 @@ _LOOK = np.array([0.5, 4.5])  # m before this, at which a person looks again
 _GLANCE = np.array([1.0, 1.5])  # s; there no person goes on before a vehicle that is there sooner
 _BRAKES, _PICKS_UP = np.array([1e6, 3.0]), np.array([1e6, 1.0])  # m/s²
 _ON_APPROACH, _ON_EXIT = ACCESS_LENGTH + _STOP_LINE - MIDDLE, MIDDLE - _STOP_LINE
+_BEHIND = LENGTH[1] + 2 * RADIUS[1] + 0.5  # m from a rider's middle to that of the one ahead
 _REACH = HALF_WIDTH + VEHICLE_LENGTH / 2  # m from a crosswalk's middle to who stands beside it
 _LANE = 2.0  # m from the middle of an arm to that of a lane
 _BRAKING_MARGIN, _BRAKING_HEADWAY, _BRAKING_COMFORT = 1.0, 1.0, 3.0  # m, s, m/s²
@@ -263,19 +264,38 @@ def _meet(episode, person, vehicle):
 
 
 @kernel
+def _behind(vehicles, slot, settings):
+    """Return the speed at which a rider can still stop behind the one ahead of it, m/s.
+
+    Riders of an arm keep the order of their arrival. Who is due and has no room yet is ahead too.
+    """
+    person = vehicles[slot]
+    for number in range(slot - 1, settings.first_walker - 1, -1):
+        ahead = vehicles[number]
+        if ahead.lane != person.lane or ahead.origin != person.origin or ahead.leg == GONE:
+            continue
+        gap = _across(ahead) - _across(person) - _BEHIND
+        if ahead.leg == ABSENT or gap < 0.0:
+            return 0.0
+        return math.sqrt(ahead.speed * ahead.speed + 2.0 * _BRAKES[RIDES] * gap)
+    return np.inf
+
+
+@kernel
 def walk(episode, vehicles, settings):
     """Advance all people by a sub-step, after the vehicles."""
     count, dt = episode.vehicles, settings.dt
     time = (episode.sub_steps - settings.warm_up) * dt
     for slot in range(settings.first_walker, settings.first_walker + settings.walkers):
         person = vehicles[slot]
-        if person.leg == ABSENT and person.desired_speed <= time:
+        most = np.inf if person.lane == ON_FOOT else _behind(vehicles, slot, settings)
+        if person.leg == ABSENT and person.desired_speed <= time and person.speed <= most:
             person.leg = WAITING
         if person.leg == ABSENT or person.leg == GONE:
             continue
         held = _is_held(person, vehicles, count, False, settings)
         by_ego = held and not _is_held(person, vehicles, count, True, settings)
-        _advance(person, held, by_ego, dt)
+        _advance(person, held, by_ego, most, dt)
         for number in range(settings.agents):
             ego = episode.controlled[number]
             if ego >= 0 and not vehicles[ego].crashed:
@@ -285,8 +305,8 @@ def walk(episode, vehicles, settings):
 
 
 @kernel
-def _advance(person, held, by_ego, dt):
-    """Move a person who is held or free, and count what it loses."""
+def _advance(person, held, by_ego, most, dt):
+    """Move a person who is held or free, at most at a speed, and count what it loses."""
     kind, before, wanted = person.lane, person.speed, person.target_speed
     brakes = _BRAKES[kind]
     if person.leg == WAITING:
@@ -297,6 +317,7 @@ def _advance(person, held, by_ego, dt):
             person.leg = WALKING
     elif held:
         wanted = 0.0
+    wanted = min(wanted, most)
     person.speed = clip(wanted, max(before - brakes * dt, 0.0), before + _PICKS_UP[kind] * dt)
     if held:
         lost = dt * (1.0 - person.speed / person.target_speed)
