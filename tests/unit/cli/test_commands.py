@@ -17,6 +17,7 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
+from socialiq.worlds.intersection import atlas
 
 TINY = ["--updates", "20", "--set", "batch_size=8", "--hidden", "8"]
 
@@ -62,6 +63,15 @@ def test_each_option_is_an_argument_of_the_command(name):
             assert field.init, f"{kind.__name__}.{field.name}"
             if dataclasses.is_dataclass(field.default_factory):
                 classes.append(field.default_factory)
+
+
+def test_collect_names_how_drivers_of_a_road_are_recorded(capsys, tmp_path):
+    assert main(["collect", "intersection", "--out", str(tmp_path / "x.safetensors")]) == 2
+    assert "as socialiq/Intersection-v1, and a --driver for each mode" in capsys.readouterr().err
+    words = ["socialiq/Intersection-v1", "--driver", f"egoist={atlas.path_of('egoistic')}"]
+    assert (
+        main(["collect", *words, "--episodes", "2", "--out", str(tmp_path / "y.safetensors")]) == 0
+    )
 
 
 def test_solve_gives_the_exact_optimum(capsys):

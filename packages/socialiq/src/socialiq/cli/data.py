@@ -171,6 +171,11 @@ class Collect(Printing):
 
     def experts(self) -> dict[str, Demonstrations]:
         """Return episodes of a gridworld's experts."""
+        if self.world in registry.NAMES and self.world not in registry.GRIDWORLDS:
+            raise UserError(
+                f"{self.world} has no exact experts: give the Gymnasium id, as "
+                "socialiq/Intersection-v1, and a --driver for each mode"
+            )
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
         counts = dict.fromkeys(rollout.MODES, longest)
         return rollout.demonstrations_by_mode(self.table(), counts, self.seed)
