@@ -10,7 +10,12 @@ import numpy as np
 
 from socialiq.physics import ballistic
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
+from socialiq.worlds.highway.core.compile import (
+    allocating_entry_point,
+    fingerprint,
+    inlined_kernel,
+    kernel,
+)
 from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
 from socialiq_recordings.idm import HARDEST
 from socialiq_recordings.world import people
@@ -240,7 +245,7 @@ def replay_moment(road, traffic, results, moment, recording, ego, step, settings
 
 
 def _entries(sources: int):
-    @entry_point
+    @allocating_entry_point
     def run(results, commands, seeds, seeded, actions, options, junction, first, end):
         road, traffic, levels, slack = junction
         for row in range(first, end):
@@ -259,14 +264,14 @@ def _entries(sources: int):
             observe(road, traffic, row, base, count, results.observation[row])
         return sources  # so that the cache depends on the sources
 
-    @entry_point
+    @allocating_entry_point
     def replay(road, traffic, results, recordings, egos, steps, options, first, end):
         for moment in range(first, end):
             at = recordings[moment], egos[moment], steps[moment]
             replay_moment(road, traffic, results, moment, at[0], at[1], at[2], options[0])
         return sources
 
-    @entry_point
+    @allocating_entry_point
     def without_ego(road, traffic, recordings, states, steps, slack, first, end):
         for row in range(first, end):
             populate(road, traffic, row, recordings[row], -1, 0)

@@ -14,7 +14,12 @@ from typing import Any
 import numpy as np
 
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.compile import (
+    allocating_entry_point,
+    allocating_kernel,
+    fingerprint,
+    kernel,
+)
 from socialiq.worlds.highway.core.effects import HARD, encounter, write
 from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, RELATIONS, REPEAT
 from socialiq_recordings.world.core import snapshot, sub_step
@@ -102,7 +107,7 @@ def _look(road, at, vehicles, step, driving, times):
     return closest
 
 
-@kernel
+@allocating_kernel
 def _advance(junction, at, level, settings):
     road, traffic = junction[0], junction[1]
     sub_step(road, traffic, at.row, at.base, at.count, level, settings.max_speed)
@@ -230,7 +235,7 @@ def _look_ahead(junction, results, ledger, at, number, settings):
 
 
 def _entry(sources: int) -> Any:
-    @entry_point
+    @allocating_entry_point
     def run(command, results, ledger, rows, settings, junction, effects, first, last):
         road, traffic = junction[0], junction[1]
         for row in range(first, last):

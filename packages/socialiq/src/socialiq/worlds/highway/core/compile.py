@@ -69,15 +69,19 @@ def for_python(function: Callable[..., Any]) -> Any:
     return numba.njit(function, error_model="numpy", nogil=True)
 
 
-def entry_point(function: Callable[..., Any]) -> Any:
+def entry_point(function: Callable[..., Any], allocates: bool = False) -> Any:
     """Compile a function that is called from Python without the GIL, and cache it on disk.
 
     Its last two arguments are the first row of its part and the end of it; see `run_in_parts`.
     """
     # Numba's own threads (parallel=True) would compile every kernel below a second time.
-    # Without counts of references: arrays outlive the call, and atomic counts took a fifth of it.
-    options = {"error_model": "numpy", "nogil": True, "cache": True, "_nrt": False}
+    options = {"error_model": "numpy", "nogil": True, "cache": True, "_nrt": allocates}
     return numba.njit(inspect.unwrap(function), **options)
+
+
+def allocating_entry_point(function: Callable[..., Any]) -> Any:
+    """Compile an entry point that makes arrays, or that inlines kernels which do."""
+    return entry_point(function, allocates=True)
 
 
 def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
