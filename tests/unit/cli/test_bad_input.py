@@ -56,7 +56,10 @@ def refused(capsys, *arguments):
         (["predict-lambda", "crossing7", "--target-kind", "running"], "not a function of state"),
         (["predict-lambda", "crossing7", "--target-kind", "total"], "choose one of instantaneous"),
         (["front", "intersection"], "choose one of crossing5, crossing7"),
-        (["collect", "intersection", "--out", "x"], "can't be listed"),
+        (
+            ["collect", "intersection", "--out", "x"],
+            "give the Gymnasium id, as socialiq/Intersection-v1",
+        ),
         (["render", "intersection", "--angle", "3", "--out", "x.png"], "add --driver"),
         (["render", "crossing5", "--driver", "go", "--out", "x.png"], "use --angle"),
         (["render", "intersection", "--driver", "tom", "--out", "x.png"], "choose one of go, idle"),
