@@ -102,7 +102,7 @@ class Driving:
     seeds: tuple[int, ...]
 
 
-class Together(Driving):
+class EnsembleDriving(Driving):
     """Configuration of the episodes of all dials as one ensemble."""
 
 
@@ -125,7 +125,7 @@ def _drivers(
 ) -> Iterator[tuple[Row, Policy, str, tuple[float, ...]]]:
     """Yield label, policy, front end and the angles at which the episodes count."""
     dials = {name: DialPolicy.load(folder / driving.DIAL) for name, folder in inputs.items()}
-    if isinstance(config, Together):
+    if isinstance(config, EnsembleDriving):
         label: Row = {"driver": ENSEMBLE, "seed": "", "front_end": OWN}
         for angle in config.angles:
             policy = EnsemblePolicy.of([dial.at(angle) for dial in dials.values()])
@@ -158,7 +158,7 @@ def jobs(config: Config) -> list[Job]:
     dials = list(trainings(config))
     seeds = driving.seeds_of_blocks(config.blocks, config.episodes)
     names = [dial.name for dial in dials]
-    driven = [(name, Driving, (name,)) for name in names] + [(ENSEMBLE, Together, names[1:])]
+    driven = [(name, Driving, (name,)) for name in names] + [(ENSEMBLE, EnsembleDriving, names[1:])]
     return dials + [
         Job(_driven(name, shift), drive, kind(shift, config.angles, seeds), tuple(inputs), 30)
         for (name, kind, inputs), shift in itertools.product(driven, config.shifts)

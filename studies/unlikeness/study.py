@@ -71,7 +71,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     check_counts(config, ("episodes",))
     dials = [DialPolicy.load(packaged_results() / name) for name in config.dials]
     blocks = np.array(config.blocks)[:, None] + np.arange(config.episodes)
-    seen, fallback = list[Row](), list[Row]()
+    separation, fallback = list[Row](), list[Row]()
     for angle in config.angles:
         members = [dial.at(angle) for dial in dials]
         plain = Intersection().batch(config.episodes)
@@ -88,9 +88,11 @@ def compute_tables(config: Any, context: Context) -> Findings:
                 threshold = np.quantile(usual[name], 1.0 - USUAL_RATE, method="higher")
                 row |= {f"{name}_area": float(area / len(distance) / len(usual[name]))}
                 row |= {f"{name}_share": float((distance > threshold).mean())}
-            seen.append(row)
+            separation.append(row)
             if shift in config.fallback_shifts:
                 rows = fallback_rows(config, dials[0], policy, shift, angle, blocks[2])
                 fallback += [label | row for row in rows]
-    alarms = {f"{row['angle']:g}": row["features_share"] for row in seen if row["shift"] == "none"}
-    return Findings({"seen": seen, "fallback": fallback}, {"false_alarms": alarms})
+    alarms = {
+        f"{row['angle']:g}": row["features_share"] for row in separation if row["shift"] == "none"
+    }
+    return Findings({"separation": separation, "fallback": fallback}, {"false_alarms": alarms})

@@ -12,6 +12,7 @@ import tyro
 from socialiq.audit import conduct, log, look, seeds
 from socialiq.audit.report import folder, views
 from socialiq.audit.request import Request, Trust
+from socialiq.audit.verdict.regret import Decision
 from socialiq.cli.output import Display, Printing, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes
@@ -126,8 +127,7 @@ class Audit(Printing):
         if self.json:
             sys.stdout.write(json.dumps(report, allow_nan=False) + "\n")
             return int(verdict["exit_code"])
-        decision = verdict["decision"].replace("inconclusive", "not decided").upper()
-        lines = [f"{decision}: {verdict['reason']}"]
+        lines = [f"{Decision(verdict['decision']).headline}: {verdict['reason']}"]
         lines += [f"Note: {caveat['text']}" for caveat in report["caveats"]]
         if verdict["needed"]:
             lines.append(f"About {verdict['needed']} episodes would decide.")

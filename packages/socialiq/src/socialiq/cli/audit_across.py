@@ -60,9 +60,8 @@ class Across(Printing):
             return STATUS[decision]
         print_table(rows)
         sys.stdout.write(
-            f"{decision.value.replace('inconclusive', 'not decided').upper()} across {len(rows)} "
-            "scenarios; who is not as declared in one of them passes with a chance of at most "
-            f"{100 * error:g} %.\n"
+            f"{decision.headline} across {len(rows)} scenarios; who is not as declared in one of "
+            f"them passes with a chance of at most {100 * error:g} %.\n"
         )
         if unlogged:
             sys.stdout.write(f"Without a log earlier tries aren't counted: {', '.join(unlogged)}\n")

@@ -114,7 +114,9 @@ def with_fallback(text: str, name: str, loaded: Loaded, world: World) -> Policy:
     if not text:
         return loaded.policy
     if not isinstance(loaded.policy, QPolicy):
-        raise UserError(f"{name} is not one network: --fallback is of policies with a score")
+        raise UserError(
+            f"{name} is not one network: give --fallback a policy of `socialiq unlikeness`"
+        )
     try:
         alarm = loaded.policy.alarm(float(rate or USUAL_RATE))
     except ValueError as error:

@@ -32,6 +32,11 @@ class Decision(enum.Enum):
     FAIL = "fail"
     INCONCLUSIVE = "inconclusive"
 
+    @property
+    def headline(self) -> str:
+        """Decision as the commands print it."""
+        return "NOT DECIDED" if self is Decision.INCONCLUSIVE else self.value.upper()
+
 
 def slowest(needs: Sequence[int | None]) -> int | None:
     """Return the largest of some numbers of episodes; None if no number is enough for one."""

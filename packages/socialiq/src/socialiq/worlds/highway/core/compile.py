@@ -39,7 +39,7 @@ def kernel(function: Callable[..., Any], allocates: bool = False) -> Any:
     an array is an `allocating_kernel`.
     """
     options = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    options["_nrt"] = allocates
+    options["_nrt"] = allocates  # Numba's counts of references
     return numba.extending.register_jitable(**options)(inspect.unwrap(function))
 
 

@@ -150,7 +150,7 @@ def _driving_of(kernels: Any) -> _Driving:
     sub_step, renew = kernels.sub_step, kernels.renew
     leaves, remove = kernels.leaves, kernels.remove
 
-    @allocating_kernel
+    @kernel
     def add(vehicle, speed, ego_identity, road, settings, totals, hardest):
         """Add a sub-step of a vehicle, whose speed was given before it, unless it has left."""
         if vehicle.identity == ego_identity or leaves(vehicle, road):
@@ -160,7 +160,7 @@ def _driving_of(kernels: Any) -> _Driving:
             change = (vehicle.speed - speed) / settings.dt
             hardest[vehicle.identity] = min(hardest[vehicle.identity], change)
 
-    @allocating_kernel
+    @kernel
     def tow(episode, vehicles, wrecked, settings, effects):
         for slot in range(episode.vehicles - 1, -1, -1):
             identity = vehicles[slot].identity
@@ -247,7 +247,7 @@ def _account_of(kernels: Any, driving: _Driving) -> Callable[..., Any]:
     relation, same_origin = kernels.relation, kernels.same_origin
     add, tow, follow_up = driving.add, driving.tow, _follow_up_of(kernels, driving)
 
-    @allocating_kernel
+    @kernel
     def closest(buffers, row, frames, road):
         """Return the closest encounter of the ego with a vehicle of another origin."""
         count, ego = buffers.present[row, 0], buffers.present[row, 1]
@@ -381,7 +381,7 @@ def effects_of(kernels: Any) -> Callable[..., Any]:
     begin = _begin_of(kernels, driving)
     account, look_ahead = _account_of(kernels, driving), _look_ahead_of(kernels, driving)
 
-    @allocating_kernel
+    @kernel
     def run(command, buffers, ledger, row, road, settings, effects):
         number = int(np.rint(buffers.episodes[row].time / settings.decision))
         if command == BEGIN:

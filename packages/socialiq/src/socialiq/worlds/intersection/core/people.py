@@ -288,14 +288,14 @@ def walk(episode, vehicles, settings):
     time = (episode.sub_steps - settings.warm_up) * dt
     for slot in range(settings.first_walker, settings.first_walker + settings.walkers):
         person = vehicles[slot]
-        most = np.inf if person.lane == ON_FOOT else _behind(vehicles, slot, settings)
-        if person.leg == ABSENT and person.desired_speed <= time and person.speed <= most:
+        fastest = np.inf if person.lane == ON_FOOT else _behind(vehicles, slot, settings)
+        if person.leg == ABSENT and person.desired_speed <= time and person.speed <= fastest:
             person.leg = WAITING
         if person.leg == ABSENT or person.leg == GONE:
             continue
         held = _is_held(person, vehicles, count, False, settings)
         by_ego = held and not _is_held(person, vehicles, count, True, settings)
-        _advance(person, held, by_ego, most, dt)
+        _advance(person, held, by_ego, fastest, dt)
         for number in range(settings.agents):
             ego = episode.controlled[number]
             if ego >= 0 and not vehicles[ego].crashed:
@@ -305,7 +305,7 @@ def walk(episode, vehicles, settings):
 
 
 @kernel
-def _advance(person, held, by_ego, most, dt):
+def _advance(person, held, by_ego, fastest, dt):
     """Move a person who is held or free, at most at a speed, and count what it loses."""
     kind, before, wanted = person.lane, person.speed, person.target_speed
     brakes = _BRAKES[kind]
@@ -317,7 +317,7 @@ def _advance(person, held, by_ego, most, dt):
             person.leg = WALKING
     elif held:
         wanted = 0.0
-    wanted = min(wanted, most)
+    wanted = min(wanted, fastest)
     person.speed = clip(wanted, max(before - brakes * dt, 0.0), before + _PICKS_UP[kind] * dt)
     if held:
         lost = dt * (1.0 - person.speed / person.target_speed)
