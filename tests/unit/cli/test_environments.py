@@ -32,11 +32,11 @@ class Road(gymnasium.Env):
     def seen(self):
         return np.array([self.place, self.drawn], np.float32)
 
-def bare():
-    return gymnasium.wrappers.TimeLimit(Road(), 4)
+def bare(steps=4):
+    return gymnasium.wrappers.TimeLimit(Road(), steps)
 
-def make():
-    return RewardPairWrapper(bare(), lambda step: (float(step.action), -0.5 * step.action))
+def make(steps=4):
+    return RewardPairWrapper(bare(steps), lambda step: (float(step.action), -0.5 * step.action))
 
 def goes(observations):
     return [1 for _ in observations]
@@ -75,6 +75,13 @@ def test_each_driver_is_a_mode_on_the_same_episodes(tmp_path):
     assert data.truncated.sum() == 3 and data.terminated.sum() == 3
     source = data.source["of"]["goes"]
     assert source["world"] == "a_cli_road.py:make" and len(source["sha256"]) == 64
+
+
+def test_options_of_the_environment_are_given_and_recorded(tmp_path):
+    assert collect(tmp_path / "short", "--set", "steps=3", "--episodes", "1") == 0
+    data = files.load(tmp_path / "short")
+    assert data.counts() == {"goes": (1, 2), "calm": (1, 3)}
+    assert [source["options"] for source in data.source["of"].values()] == [{"steps": 3}] * 2
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,14 @@ def test_every_combination_is_planned_once(read):
     assert len({*fingerprints(plan.jobs).values()}) == 24
 
 
+def test_options_of_an_environment_make_a_world_each(read):
+    places = 'worlds = ["socialiq/Intersection-v1"]\ndata = "a.bin"\n'
+    jobs = read(places + '[options]\nclock = true\nshift = ["none", "late"]').jobs
+    chosen = [{"clock": True, "shift": shift} for shift in ("none", "late")]
+    assert [job.config.options for job in jobs] == chosen
+    assert len({*fingerprints(jobs).values()}) == 2
+
+
 def test_defaults_are_one_run_of_the_grid_preset(read):
     (job,) = read('worlds = "crossing7"\ndata = "a.bin"').jobs
     assert job.config.static == GRID
@@ -105,6 +113,7 @@ def test_several_widths_are_a_list_of_lists(read):
         ("seeds = [-1]", "seeds: seed must lie in"),
         ("seeds = 0.5", "seeds: must be a whole number, got 0.5"),
         ("static = 3", "static: must be a table"),
+        ("[options]\nclock = true", "options: are of a Gymnasium id: leave crossing5 out"),
         ("[static]\nonline = true", "static.online: unknown key"),
         ("[static]\nhidden = 8", "static.hidden: must be a list of whole numbers, got 8"),
         (

@@ -19,7 +19,10 @@ from socialiq_lab.sweep.runs import RunsConfig, train_runs
 
 OFFLINE = "offline"
 IQ_LEARN = "iq_learn"
-KEYS = ("learner", "preset", "worlds", "data", "seeds", "runs_per_job", "static", "hyperparameters")
+KEYS = (
+    *("learner", "preset", "worlds", "options", "data", "seeds", "runs_per_job"),
+    *("static", "hyperparameters"),
+)
 RUNS_PER_JOB = 32
 MOST_RUNS = 100_000
 
@@ -46,9 +49,10 @@ def read_plan(file: Path, allow_code: bool = False) -> Plan:
     """Read a sweep file.
 
     It is TOML with `data`, and optionally `learner`, `worlds`, `seeds`, `preset`, `runs_per_job`
-    and the tables `static` and `hyperparameters`, whose keys are fields of the learner's
-    `StaticConfig` and `Hyperparameters`. A list means each of its values. Paths are relative to the
-    file. Modules of environments, and a learner of the user's own, are imported if `allow_code`.
+    and the tables `options`, of keywords of an environment, and `static` and `hyperparameters`,
+    whose keys are fields of the learner's `StaticConfig` and `Hyperparameters`. A list means each
+    of its values. Paths are relative to the file. Modules of environments, and a learner of the
+    user's own, are imported if `allow_code`.
 
     Raises:
         UserError: If the file can't be read, or a key or value is invalid; the line names both.
@@ -72,10 +76,11 @@ class _Reader:
         static, base = self.settings()
         runs = self.hyperparameters(base)
         values: list[RunsConfig] = []
-        for world, data in self.places():
+        for (world, data), options in itertools.product(self.places(), self.options()):
             for item in self.statics(static, world != OFFLINE):
                 for first in range(0, len(runs), size):
-                    values.append(self.config(world, data, item, tuple(runs[first : first + size])))
+                    several = tuple(runs[first : first + size])
+                    values.append(self.config(world, options, data, item, several))
                     if len(values) * size > MOST_RUNS + size:
                         raise self.too_many()
         jobs = tuple(
@@ -107,7 +112,9 @@ class _Reader:
             raise self.error("preset", f"unknown: choose one of {', '.join(PRESETS)}")
         return PRESETS[preset]
 
-    def config(self, world: str, data: str, static: Any, runs: tuple[Any, ...]) -> RunsConfig:
+    def config(
+        self, world: str, options: dict[str, Any], data: str, static: Any, runs: tuple[Any, ...]
+    ) -> RunsConfig:
         """Return the configuration of one job."""
         path = (self.file.absolute().parent / data).resolve()
         try:
@@ -115,9 +122,16 @@ class _Reader:
         except UserError as error:
             raise self.error("data", str(error)) from error
         location = "" if world == OFFLINE else world
-        return RunsConfig(
-            *self.learner, location, data, str(path), sha256, static, runs, self.allow_code
-        )
+        if options and location in ("", *GRIDWORLDS):
+            raise self.error("options", f"are of a Gymnasium id: leave {world} out of the worlds")
+        files = data, str(path), sha256
+        return RunsConfig(*self.learner, location, options, *files, static, runs, self.allow_code)
+
+    def options(self) -> list[dict[str, Any]]:
+        """Return every combination of the keywords of an environment."""
+        table = self.table("options")
+        values = itertools.product(*(_listed(value) for value in table.values()))
+        return [dict(zip(table, combination, strict=True)) for combination in values]
 
     def places(self) -> list[tuple[str, str]]:
         """Return every world with each of its data sets."""

@@ -38,6 +38,7 @@ class RunsConfig:
         learner_sha256: Of that file, else "".
         world: Where IQ-Learn acts, a gridworld or an environment, and where every learner is
             evaluated; "" trains offline.
+        options: Keywords of an environment.
         name: Of the data set, as the sweep file has it.
         data: Absolute path of the data set.
         sha256: Of that file.
@@ -49,6 +50,7 @@ class RunsConfig:
     learner: str
     learner_sha256: str
     world: str
+    options: Mapping[str, Any]
     name: str
     data: str
     sha256: str
@@ -76,7 +78,9 @@ def train_runs(
         learner = extensions.find_learner(config.learner, "learner", config.allow_code)
     if config.world and not ground:  # the experience of an environment outside JAX
         sizes = (data.n_features, data.n_actions)
-        maker = environment.environment_maker(config.world, sizes, config.allow_code)
+        maker = environment.environment_maker(
+            config.world, sizes, config.allow_code, options=config.options
+        )
         collector = acting_in(maker, config.static, config.hyperparameters, CHUNK)
     trained = train(
         config.static,
@@ -130,7 +134,9 @@ def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> 
         rows = read_json(work / job.name / ROWS)
         for run, numbers in enumerate(config.hyperparameters):
             name = f"policies/{len(policies):05d}.safetensors"
-            label: Row = {"run": len(policies), "world": config.world, "data": config.name}
+            label: Row = {"run": len(policies), "world": config.world}
+            label |= {f"options.{name}": value for name, value in config.options.items()}
+            label["data"] = config.name
             policies[name] = (work / job.name / f"policy_{run}.safetensors").read_bytes()
             flat = _flat(config.static) | dataclasses.asdict(numbers)
             for key in varied:

@@ -80,7 +80,8 @@ class Collect(Printing):
     share: float = 0.2
     """The contaminant's or attackers' share of the episodes."""
     set: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
-    """KEY=VALUE ... of options of a gridworld, as braking=one_level, where the ego can collide."""
+    """KEY=VALUE ... of options of a gridworld, as braking=one_level, where the ego can collide; or
+    of an environment, as shift=late clock=true."""
     malicious: str = ""
     """Attackers who take a share of the episodes: hater (others lose most), rammer (collides), or
     FILE.py:NAME, a function (r_env, r_social, collision) -> reward of malice."""
@@ -182,7 +183,6 @@ class Collect(Printing):
 
     def driven(self) -> dict[str, Demonstrations]:
         """Return episodes of the given drivers in an environment, by the mode's name."""
-        refuse_unused(self, ("set",), "a gridworld")
         if not self.driver:
             raise UserError(
                 f"{one_line(self.world)} has no experts of its own: name the drivers, one --driver "
@@ -200,9 +200,11 @@ class Collect(Printing):
                 raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
             modes[mode] = spec
         code: dict[str, Any] = {"allow_code": self.allow_code}
-        env = None
-        if self.world not in CONTINUOUS:
-            env = make_environment(self.world, needs_pair=True, continuous=True, **code)
+        env, options = None, world_options(self.set)
+        if self.world in CONTINUOUS:
+            refuse_unused(self, ("set",), "a gridworld or a Gymnasium id")
+        else:
+            env = make_environment(self.world, options, needs_pair=True, continuous=True, **code)
         pools = {}
         for mode, spec in modes.items():
             if env is None:
@@ -213,9 +215,10 @@ class Collect(Printing):
             with driver as loaded:
                 record, policy = loaded.record, loaded.policy
                 source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
+                source |= {"options": options} if options else {}
                 if env is None:
-                    options = registry.continuous_options(self.world)
-                    batch = Batch(options, min(self.episodes, SIDE_BY_SIDE))
+                    road = registry.continuous_options(self.world)
+                    batch = Batch(road, min(self.episodes, SIDE_BY_SIDE))
                     seeds = range(self.seed, self.seed + self.episodes)
                     episodes = rollout.record(batch, policy, seeds, mode, source).transitions
                 else:

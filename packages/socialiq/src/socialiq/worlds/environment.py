@@ -98,7 +98,11 @@ def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
 
 
 def environment_maker(
-    name: str, demonstrated: tuple[int, int] | None, allow_code: bool, continuous: bool = False
+    name: str,
+    demonstrated: tuple[int, int] | None,
+    allow_code: bool,
+    continuous: bool = False,
+    options: Mapping[str, Any] | None = None,
 ) -> Callable[[], gymnasium.Env[Any, Any]]:
     """Return a function that makes an environment to learn in, and checks that its data fit.
 
@@ -107,7 +111,7 @@ def environment_maker(
     """
 
     def make() -> gymnasium.Env[Any, Any]:
-        env = make_environment(name, allow_code=allow_code, continuous=continuous)
+        env = make_environment(name, options, allow_code=allow_code, continuous=continuous)
         actual = (sizes(env)[0], action_size(env)) if continuous else sizes(env)
         if continuous and not actual[1]:
             raise UserError(f"{one_line(name)} has discrete actions: use a learner of these")

@@ -146,8 +146,10 @@ def key_of(seeds: np.ndarray) -> UInt64[np.ndarray, " batch"]:
 
 def values_of(shifts: Sequence[Shift], name: str, key: UInt64[np.ndarray, " batch"]) -> np.ndarray:
     """Return a field's value in each episode, of which each draws one of the shifts by its key."""
-    which = (_uniform(key, 0) * len(shifts)).astype(np.int64)
-    return np.array([getattr(shift, name) for shift in shifts])[which]
+    values = np.array([getattr(shift, name) for shift in shifts])
+    if (values == values[0]).all():
+        return np.full(len(key), values[0])
+    return values[(_uniform(key, 0) * len(shifts)).astype(np.int64)]
 
 
 def with_faults(
@@ -167,14 +169,16 @@ def with_faults(
     distance = np.hypot(offset[..., 0], offset[..., 1])
     value = {field.name: values_of(shifts, field.name, key) for field in FAULTS}
     hidden = distance > value["sight"][:, None]
-    hidden |= _uniform(key[:, None], 1, now, number) < value["unseen"][:, None]
+    if (some := value["unseen"] > 0).any():
+        draw = _uniform(key[some, None], 1, now[some], number)
+        hidden[some] |= draw < value["unseen"][some, None]
     if value["occlusion"].any():
         hidden |= value["occlusion"][:, None] & _behind(offset, distance, others[..., 0] > 0)
-    if value["noise"].any():
+    if (some := value["noise"] > 0).any():
         columns = np.arange(4, dtype=np.uint64)
-        error = _normal(key[:, None, None], 2, now[..., None], number[:, None], columns)
-        error *= value["noise"][:, None, None] * np.array([1.0, 1.0, 0.5, 0.5])
-        others[..., 1:5] += error / unit
+        error = _normal(key[some, None, None], 2, now[some, :, None], number[:, None], columns)
+        error *= value["noise"][some, None, None] * np.array([1.0, 1.0, 0.5, 0.5])
+        others[some, :, 1:5] += error / unit
     if value["drift"].any():
         error = value["drift"][:, None] * _drift(key, now)
         others[..., 1:3] += (error / POSITION_RANGE)[:, None]
