@@ -44,18 +44,19 @@ START, TRAINED, ENSEMBLE = "start", "randomised", "ensemble"
 
 OTHERS = ("late", "unseen-30", "noise-3")
 TRAINING = (
-    *(["none or none or late or unseen-10 or unseen-30 or noise-1 or noise-3"] * 3),
+    *(["none or none or late or unseen-30 or noise-1 or noise-3 or noise-3"] * 3),
     *(
         " or ".join([road, road, *(f"{road},{other}" for other in OTHERS)])
-        for road in ("right", "straight", "straight", "connected", "dense")
+        for road in ("right", *(["straight", "connected", "dense"] * 2))
     ),
 )
 """Worlds of the training, each with an equal share of the states."""
 
 
-STRUCTURE = dataclasses.replace(ITERATION, updates=9_000, first_rounds=3)
-NUMBERS = dataclasses.replace(ITERATION_NUMBERS, learning_rate=7e-4)
-"""Of the training, without the seed; it begins with a trained dial, so its rates are lower."""
+STRUCTURE = dataclasses.replace(
+    ITERATION, batch_size=1024, states_per_update=60, first_rounds=3, replay_capacity=600_000
+)
+"""Of the training, without the seed; it begins with a trained dial."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Config:
     seeds: tuple[int, ...] = (200, 201, 202, 203, 204)
     start: str = "intersection-dial-clock/iterated.safetensors"
     structure: policy_iteration.DialIterationConfig = STRUCTURE
-    numbers: policy_iteration.IterationHyperparameters = NUMBERS
+    numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
     training: tuple[str, ...] = TRAINING
     shifts: tuple[str, ...] = tuple(SHIFTS)
     angles: tuple[float, ...] = (0.0, 45.0, 75.0, 90.0)  # degrees

@@ -258,7 +258,7 @@ def train_dial_by_iteration(
         return _mean_value(config.checks, dial, CHECK_ANGLES)
 
     if config.shifts:
-        method = config.structure, start, config.shifts, 2 * ENVIRONMENTS
+        method = config.structure, start, config.shifts, 3 * ENVIRONMENTS
         start, structure, labeller = road.shifted(*method)
     elif config.agents > 1:
         fleet = make_fleet("intersection", config.agents, duration=DURATION)
