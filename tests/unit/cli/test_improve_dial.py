@@ -55,6 +55,15 @@ def test_a_dial_is_improved_into_a_folder(tmp_path, capsys, agents):
     assert better.provenance["start"]["sha256"] == DialPolicy.load(begun).turned.sha256
 
 
+def test_a_dial_may_be_improved_at_a_single_angle(tmp_path):
+    begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
+    angle = ["--set", "low=45", "high=45", "high_share=none"]
+    run = ["train", "improve-dial", str(begun), "--out", str(out), *SHORT, "--environments", "8"]
+    assert main([*run, *angle]) == 0
+    better = DialPolicy.load(out / "dial_0.safetensors")
+    assert (better.low, better.high) == (45.0, 45.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -70,7 +79,8 @@ def test_another_dial_is_refused_in_a_line(tmp_path, capsys, changes, said):
 
 def test_bad_numbers_are_refused_before_the_folder_is_made(tmp_path, capsys):
     begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
-    bad = ["--environments", "0"], ["--set", "high_share=2"], ["--updates", "0"], ["--agents", "0"]
+    nowhere = ["--set", "low=95", "high=99", "high_share=none"]
+    bad = nowhere, ["--environments", "0"], ["--set", "high_share=2"], ["--updates", "0"], ["--agents", "0"]
     for options in (*bad, ["--agents", "20"], ["--agents", "4", "--world", "intersection-caused"]):
         assert main(["train", "improve-dial", str(begun), "--out", str(out), *options]) == 2
         name = options[1].partition("=")[0] if options[0] == "--set" else options[0][2:]

@@ -105,10 +105,13 @@ class IterationHyperparameters(settings.Exploration):
 
 
 def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterationConfig:
-    """Return a static config for runs that begin with a dial: with its network and angles.
+    """Return a static config for runs that begin with a dial: with its network, for its angles.
+
+    A narrower range of the config stays, down to a single angle.
 
     Raises:
-        UserError: If the dial has no pair of values for each action, or reads one-hot inputs.
+        UserError: If the dial has no pair of values for each action, or reads one-hot inputs, or
+            has none of the angles.
     """
     view = dial.turned.view
     if not dial.pairs:
@@ -118,6 +121,12 @@ def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterat
     names = [name for name, choice in CHOICES.items() if choice == getattr(view, "choice", None)]
     if not names or (view is None) != (names == ["flat"]):
         raise UserError("this dial reads a gridworld: give one of the intersection")
+    low, high = max(static.low, dial.low), min(static.high, dial.high)
+    if low > high:
+        raise UserError(
+            f"this dial is of angles from {dial.low:g} to {dial.high:g}: "
+            "give --set low and high within them"
+        )
     return replace(
         static,
         view=names[0],
@@ -125,9 +134,9 @@ def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterat
         hidden=tuple(len(bias) for bias in dial.turned.biases[:-1]),
         activation=dial.turned.activation,
         knots=len(dial.knots),
-        low=dial.low,
-        high=dial.high,
-        high_share=static.high_share if dial.low < static.high_from < dial.high else None,
+        low=low,
+        high=high,
+        high_share=static.high_share if low < static.high_from < high else None,
     )
 
 
