@@ -63,8 +63,7 @@ def branched_returns(
     now = batch.save()
     copies = batch.branch(np.repeat(np.arange(size), count))
     same = equivalent_actions(now, batch.options)
-    if batch.latency:  # an action takes effect at another speed
-        same = np.tile(np.arange(count), (size, 1))
+    same[batch.late] = np.arange(count)  # an action takes effect at another speed
     running = (same == np.arange(count)).ravel() & np.repeat(~now.waiting, count)
     totals: list[np.ndarray] = []
     turned = None if angles is None else np.repeat(angles, count, axis=0)

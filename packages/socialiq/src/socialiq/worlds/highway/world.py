@@ -85,7 +85,6 @@ class RoadBatch(abc.ABC):
 
     n_actions: int  # of the road, discrete
     faster: int  # action that selects the next higher speed
-    latency = 0  # decisions by which actions may be late
 
     def __init__(
         self,
@@ -151,6 +150,11 @@ class RoadBatch(abc.ABC):
         core, road, _ = self._core()
         arguments = self.ledger, rows, self._settings, road, self._effects
         run_in_parts(core.effects, self._threads, self.size, command, self.buffers, *arguments)
+
+    @property
+    def late(self) -> Bool[np.ndarray, " batch"]:
+        """Whether the actions of each episode come late."""
+        return np.zeros(self.size, bool)
 
     @property
     def egos(self) -> Integer[np.ndarray, " batch"]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 from socialiq.worlds.highway.world import State
 from socialiq.worlds.intersection import shifts
@@ -34,15 +34,20 @@ class ShiftedBatch(Batch):
     ) -> None:
         super().__init__(*arguments, **options)
         self._drawn, self._front_end = tuple(choices), front_end
-        self.latency = max(shift.latency for shift in choices)
+        self._latency = max(shift.latency for shift in choices)
         width = (self.options.width,) if self.options.continuous else ()
         still = np.zeros(width, np.float32) if width else np.int64(IDLE)
-        self._queue = np.full((self.size, self.latency, *width), still)
+        self._queue = np.full((self.size, self._latency, *width), still)
         self._key, self._late = np.zeros(self.size, np.uint64), np.zeros(self.size, np.int64)
         self._shown = self.buffers.observation.reshape(self.size, -1).copy()
         self._memory = np.zeros((self.size, 0), np.float32)
         if front_end is not None:
             self._memory = front_end.memory(self.size, self._shown.shape[1])
+
+    @property
+    def late(self) -> Bool[np.ndarray, " batch"]:
+        """Whether the actions of each episode come late."""
+        return self._late > 0
 
     @property
     def observation(self) -> Float32[np.ndarray, "batch feature"]:
@@ -79,7 +84,7 @@ class ShiftedBatch(Batch):
         queue = np.concatenate([self._queue, chosen[:, None].astype(self._queue.dtype)], axis=1)
         self._queue[deciding] = queue[deciding, 1:]
         self._deciding, self._decided = deciding, chosen
-        applied = queue[every, self.latency - self._late]
+        applied = queue[every, self._latency - self._late]
         return super().step(applied.astype(chosen.dtype), auto_reset, rows)
 
     @property
