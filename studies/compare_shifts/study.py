@@ -25,6 +25,7 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.intervals import normal_mean, wilson
 from socialiq.storage import write_atomically
 from socialiq.types import Ending, Policy, Row
+from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.perception import KNOWN
 from socialiq.worlds.intersection.shifts import SHIFTS
@@ -145,13 +146,13 @@ def _drivers(
 
 
 def measured(episodes: Episodes, angle: float) -> Row:
-    """Return J(α) and the shares of endings, with 95 % intervals over episodes."""
+    """Return J(α), the shares of endings with 95 % intervals over episodes, and of faults."""
     row = normal_mean("value", score(exact_weights(angle), episodes.totals))
     for name, ending in (("collision", Ending.COLLISION), ("arrival", Ending.ARRIVAL)):
         share = wilson(int((episodes.ending == int(ending)).sum()), len(episodes.ending))
         ends = (name, f"{name}_low", f"{name}_high")
         row |= dict(zip(ends, share, strict=True))
-    return row
+    return row | {"at_fault": float((episodes.contact == int(Contact.EGO_STRUCK)).mean())}
 
 
 def jobs(config: Config) -> list[Job]:
