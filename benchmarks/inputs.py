@@ -64,7 +64,9 @@ def inputs(observation, before, choice, with_history):
     """Return inputs of the other vehicles, their presence, and inputs of ego, time and angle."""
     rows, old = (part.reshape(len(part), -1, ROW) for part in (observation[:, :-2], before))
     (ego, vehicles), (old_ego, others) = ((part[:, 0], part[:, 1:]) for part in (rows, old))
-    view = View((), (), CHOICES[choice], rows[0].size)
+    properties = CHOICES[choice]
+    assert properties is not None
+    view = View((), (), properties, rows[0].size)
     of_vehicles, of_ego = view.of_others(ego, vehicles), view.absolute(ego)
     if with_history:
         there = others[..., 1:3] + PER_SECOND * others[..., 3:5]

@@ -80,7 +80,13 @@ def test_another_dial_is_refused_in_a_line(tmp_path, capsys, changes, said):
 def test_bad_numbers_are_refused_before_the_folder_is_made(tmp_path, capsys):
     begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
     nowhere = ["--set", "low=95", "high=99", "high_share=none"]
-    bad = nowhere, ["--environments", "0"], ["--set", "high_share=2"], ["--updates", "0"], ["--agents", "0"]
+    bad = (
+        nowhere,
+        ["--environments", "0"],
+        ["--set", "high_share=2"],
+        ["--updates", "0"],
+        ["--agents", "0"],
+    )
     for options in (*bad, ["--agents", "20"], ["--agents", "4", "--world", "intersection-caused"]):
         assert main(["train", "improve-dial", str(begun), "--out", str(out), *options]) == 2
         name = options[1].partition("=")[0] if options[0] == "--set" else options[0][2:]

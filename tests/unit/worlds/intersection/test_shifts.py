@@ -155,6 +155,22 @@ def test_copies_have_the_faults_of_their_episode():
     assert returns.env.shape == (6, 3) and np.isfinite(returns.env).all()
 
 
+def test_punctual_episodes_share_copies_where_others_are_late(monkeypatch):
+    batch, follow = Intersection().shifted("none or late").batch(12), policies.policy("gap_2s")
+    batch.reset(0)
+    for _ in range(3):
+        batch.step(np.full(12, IDLE))
+    assert 0 < batch.late.sum() < 12
+
+    def act(observation):
+        return follow.predict(observation)[0]
+
+    shared = branched_returns(batch, act)
+    monkeypatch.setattr(ShiftedBatch, "late", np.ones(12, bool))
+    for returns, alone in zip(shared, branched_returns(batch, act), strict=True):
+        assert np.array_equal(returns, alone)
+
+
 def test_environments_and_batches_show_the_same():
     options = {"shift": "late,unseen=.3", "front_end": "track=2"}
     world = registry.make("intersection", **options)
