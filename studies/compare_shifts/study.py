@@ -146,7 +146,10 @@ def _drivers(
 
 
 def measured(episodes: Episodes, angle: float) -> Row:
-    """Return J(α), the shares of endings with 95 % intervals over episodes, and of faults."""
+    """Return J(α), the shares of endings with 95 % intervals over episodes, and of faults.
+
+    At fault is the ego that struck the other vehicle.
+    """
     row = normal_mean("value", score(exact_weights(angle), episodes.totals))
     for name, ending in (("collision", Ending.COLLISION), ("arrival", Ending.ARRIVAL)):
         share = wilson(int((episodes.ending == int(ending)).sum()), len(episodes.ending))

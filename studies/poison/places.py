@@ -149,7 +149,7 @@ class Road:
 
         def attacked(attacker: Malice, count: int) -> Demonstrations:
             seeds = first + 500_000 + np.arange(count)
-            return malice.attacked_road(self.world, attacker, seeds, ROAD)
+            return malice.attacked_road(self.world, attacker, seeds, {"world": ROAD})
 
         return contaminated(honest, poison, attacked)
 

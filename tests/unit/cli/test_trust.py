@@ -1,5 +1,6 @@
 """`collect --malicious`, `data trust`, and what `train` does with forged labels."""
 
+import ast
 import csv
 import dataclasses
 import json
@@ -8,6 +9,7 @@ import pytest
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
+from socialiq.evaluation.labels import recompute
 
 HONEST = ["collect", "crossing7", "--set", "braking=one_level", "--episodes", "10"]
 FORGED = [*HONEST, "--malicious", "hater", "--share", "0.2", "--forge"]
@@ -67,6 +69,21 @@ def test_an_adaptive_forger_has_milder_labels(forged, tmp_path):
     assert main([*FORGED, "adaptive", "--out", str(path)]) == 0
     absolute, adaptive = (files.load(file).totals() for file in (forged, path))
     assert adaptive.social[-6:].mean() < absolute.social[-6:].mean()
+
+
+def test_labels_of_a_shifted_road_are_checked_under_the_same_shift(tmp_path):
+    (tmp_path / "goes.py").write_text("def goes(rows):\n    return [2 for _ in rows]\n")
+    path = tmp_path / "late.safetensors"
+    driver = ["--driver", f"python:{tmp_path / 'goes.py'}:goes", "--allow-code"]
+    road = ["collect", "socialiq/Intersection-v1", "--set", "shift=late,unseen-30", "clock=true"]
+    attacked = ["--malicious", "hater", "--episodes", "3", "--share", "0.4", "--out", str(path)]
+    assert main([*road, *driver, *attacked]) == 0
+    data = files.load(path)
+    assert data.n_features == 71 and data.n_episodes == 3
+    honest = recompute(data)
+    assert honest.world == "intersection" and honest.agrees.all()
+    plain = str(data.source).replace("late,unseen-30", "none")
+    assert not recompute(dataclasses.replace(data, source=ast.literal_eval(plain))).agrees.all()
 
 
 def test_an_attacker_of_your_own_is_a_reward(tmp_path):

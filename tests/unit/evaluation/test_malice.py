@@ -35,7 +35,8 @@ def test_the_default_world_cannot_collide():
 
 def test_an_attacker_of_a_road_collides_and_can_be_driven_again():
     world = make("intersection")
-    data = malice.attacked_road(world, malice.ATTACKERS["rammer"], range(12), "intersection")
+    named = {"world": "intersection"}
+    data = malice.attacked_road(world, malice.ATTACKERS["rammer"], range(12), named)
     assert data.counts() == {"malicious": (12, data.n_transitions)}
     assert (data.ending == Ending.COLLISION).sum() >= 3
     checked = labels.recompute(data)

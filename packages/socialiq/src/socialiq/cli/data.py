@@ -154,10 +154,12 @@ class Collect(Printing):
         if count == 0:
             return honest
         seed = self.seed + OF_ATTACKERS
-        road = labels.world_named(self.world)
+        options = world_options(self.set)
+        road = labels.world_named(self.world, **options)
         if isinstance(road, RoadWorld):
-            seeds = range(seed, seed + count)
-            bad = malice.attacked_road(road, attacker, seeds, self.world)
+            source = {"world": self.world} | ({"options": options} if options else {})
+            bad = malice.attacked_road(road, attacker, range(seed, seed + count), source)
+            bad = bad.with_clock() if honest.n_features > road.n_features else bad
         else:
             bad = malice.attacked_table(self.table(), attacker, count, seed)
         if self.forge:
@@ -214,8 +216,8 @@ class Collect(Printing):
                 driver = load_policy(spec, *sizes(env), action_size=action_size(env), **code)
             with driver as loaded:
                 record, policy = loaded.record, loaded.policy
-                source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
-                source |= {"options": options} if options else {}
+                source = {"world": self.world} | ({"options": options} if options else {})
+                source |= {"driver": record.source, "sha256": record.sha256}
                 if env is None:
                     road = registry.continuous_options(self.world)
                     batch = Batch(road, min(self.episodes, SIDE_BY_SIDE))

@@ -31,6 +31,7 @@ TOLERANCE = 1e-4
 """Largest difference of a label from its world's; environments may record in float32."""
 BLOCK = 512  # episodes that are driven again side by side
 MOST_SEEDS = 1_000_000  # of one source
+_OF_ENVIRONMENT = ("angle", "back_end", "clock", "render_mode")
 _KEEPS_ROWS = (*MIXTURES, "concatenate", "subsample", "one_of_each_block")
 
 
@@ -102,12 +103,16 @@ def _sources(source: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
 
 
 def world_named(name: str, **options: Any) -> World | None:
-    """Return the world of ours with a name, a Gymnasium id or a description; else None."""
+    """Return the world of ours with a name, a Gymnasium id or a description; else None.
+
+    Options of the environment alone, such as its clock, don't count.
+    """
     names = {identity: plain for plain, identity in (NAMED | SCENE_IDS).items()}
     plain = names.get(name, name).partition(" ")[0]
     if plain not in (*registry.NAMES, *SCENES):
         return None
-    world = registry.open_world(plain, **options)
+    of_world = {name: value for name, value in options.items() if name not in _OF_ENVIRONMENT}
+    world = registry.open_world(plain, **of_world)
     return None if " " in name and name != world.description else world
 
 

@@ -60,9 +60,15 @@ def attacked_table(table: Table, malice: Malice, episodes: int, seed: int) -> De
 
 
 def attacked_road(
-    world: RoadWorld, malice: Malice, seeds: Sequence[int] | np.ndarray, name: str
+    world: RoadWorld,
+    malice: Malice,
+    seeds: Sequence[int] | np.ndarray,
+    source: Mapping[str, Any],
 ) -> Demonstrations:
-    """Return an episode of an attacker's planner for each seed, with honest labels."""
+    """Return an episode of an attacker's planner for each seed, with honest labels.
+
+    The source to record names the world.
+    """
     blocks = []
     for block in np.array_split(np.asarray(seeds), -(-len(seeds) // ABREAST)):
         batch = world.batch(len(block))
@@ -70,10 +76,10 @@ def attacked_road(
             lambda _time, _observation, running, batch=batch: _planned(batch, malice, running)
         )
         columns, _ = columns_of(simulate(batch, actor, block))
-        source = {"world": name, "first_seed": int(block[0]), "episodes": len(block)}
+        driven = {**source, "first_seed": int(block[0]), "episodes": len(block)}
         blocks.append(
             Demonstrations.of(
-                **columns, mode_names=(MODE,), n_actions=world.n_actions, source=source
+                **columns, mode_names=(MODE,), n_actions=world.n_actions, source=driven
             )
         )
     return concatenate(blocks)

@@ -169,16 +169,16 @@ def with_faults(
     distance = np.hypot(offset[..., 0], offset[..., 1])
     value = {field.name: values_of(shifts, field.name, key) for field in FAULTS}
     hidden = distance > value["sight"][:, None]
-    if (some := value["unseen"] > 0).any():
-        draw = _uniform(key[some, None], 1, now[some], number)
-        hidden[some] |= draw < value["unseen"][some, None]
+    if (partly := value["unseen"] > 0).any():
+        draw = _uniform(key[partly, None], 1, now[partly], number)
+        hidden[partly] |= draw < value["unseen"][partly, None]
     if value["occlusion"].any():
         hidden |= value["occlusion"][:, None] & _behind(offset, distance, others[..., 0] > 0)
-    if (some := value["noise"] > 0).any():
+    if (noisy := value["noise"] > 0).any():
         columns = np.arange(4, dtype=np.uint64)
-        error = _normal(key[some, None, None], 2, now[some, :, None], number[:, None], columns)
-        error *= value["noise"][some, None, None] * np.array([1.0, 1.0, 0.5, 0.5])
-        others[some, :, 1:5] += error / unit
+        error = _normal(key[noisy, None, None], 2, now[noisy, :, None], number[:, None], columns)
+        error *= value["noise"][noisy, None, None] * np.array([1.0, 1.0, 0.5, 0.5])
+        others[noisy, :, 1:5] += error / unit
     if value["drift"].any():
         error = value["drift"][:, None] * _drift(key, now)
         others[..., 1:3] += (error / POSITION_RANGE)[:, None]
