@@ -28,8 +28,8 @@ from socialiq.worlds.intersection.world import Intersection
 from studies.compare_shifts.study import OWN, TRAINING
 
 DIAL = "compare-shifts/randomised-200.safetensors"
-BATCH, STEPS, ROUNDS, HELD_OUT = 96, 25, 30, 8
-UPDATES, ROWS, SEEDS = 16_000, 512, (0, 1)
+BATCH, STEPS, ROUNDS, HELD_OUT = 96, 25, 16, 5
+UPDATES, ROWS, SEEDS = 10_000, 512, (0, 1)
 KINDS = {
     "as it is": ("set", False, 256),
     "with history": ("set", True, 256),
