@@ -114,6 +114,9 @@ def test_several_widths_are_a_list_of_lists(read):
         ("seeds = 0.5", "seeds: must be a whole number, got 0.5"),
         ("static = 3", "static: must be a table"),
         ("[options]\nclock = true", "options: are of a Gymnasium id: leave crossing5 out"),
+        ('worlds = "a/B-v0"\n[options]\nx = []', "options.x: must have at least one value"),
+        ('worlds = "a/B-v0"\n[options]\nx = 2020-01-01', "options.x: must be text, a number"),
+        ('worlds = "a/B-v0"\n[options]\nx = nan', "options.x: must be text, a number"),
         ("[static]\nonline = true", "static.online: unknown key"),
         ("[static]\nhidden = 8", "static.hidden: must be a list of whole numbers, got 8"),
         (

@@ -49,6 +49,7 @@ def test_texts_name_shifts_and_values():
         ("drivers=mad", "population"),
         ("rate=3", "not a multiple"),
         ("late or right", "one road and one traffic"),
+        (3.0, "shift must be text, as latency=1, got 3.0"),
     ],
 )
 def test_a_mistake_is_refused(text, words):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import math
 import typing
 from collections.abc import Mapping, Sequence
@@ -130,8 +131,21 @@ class _Reader:
     def options(self) -> list[dict[str, Any]]:
         """Return every combination of the keywords of an environment."""
         table = self.table("options")
-        values = itertools.product(*(_listed(value) for value in table.values()))
-        return [dict(zip(table, combination, strict=True)) for combination in values]
+        values = [self.several(f"options.{name}", value) for name, value in table.items()]
+        for name, several in zip(table, values, strict=True):
+            try:
+                json.dumps(several, allow_nan=False)
+            except (TypeError, ValueError):
+                line = "must be text, a number, or true or false"
+                raise self.error(f"options.{name}", line) from None
+        return [dict(zip(table, chosen, strict=True)) for chosen in itertools.product(*values)]
+
+    def several(self, key: str, value: Any) -> list[Any]:
+        """Return the values of a key: those of a list, or the one that stands alone."""
+        values = _listed(value)
+        if not values:
+            raise self.error(key, "must have at least one value")
+        return values
 
     def places(self) -> list[tuple[str, str]]:
         """Return every world with each of its data sets."""
@@ -198,9 +212,7 @@ class _Reader:
             key, hint = f"{where}.{name}", hints[name]
             is_tuple = typing.get_origin(hint) is tuple
             nested = isinstance(value, list) and any(isinstance(item, list) for item in value)
-            several = [value] if is_tuple and not nested else _listed(value)
-            if not several:
-                raise self.error(key, "must have at least one value")
+            several = [value] if is_tuple and not nested else self.several(key, value)
             values.append([_Entry(key, name, self.typed(key, item, hint)) for item in several])
         return values
 

@@ -129,6 +129,9 @@ def make(name: str, **options: Any) -> GridWorld | intersection.Intersection:
     one_of("world", name, NAMES)
     effects, options = _effects_of(name, options)
     sensed = {} if name in GRIDWORLDS else {key: options.pop(key, "") for key in SENSED}
+    for key, value in sensed.items():
+        if not isinstance(value, str):
+            raise UserError(f"{key} must be text, as latency=1, got {value!r}")
     chosen = parse_options(name, _kind(name), _implied(name) | options)
     if name in GRIDWORLDS:
         return _grid(_plain(name), chosen, repr(chosen))
