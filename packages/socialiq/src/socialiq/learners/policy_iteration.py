@@ -107,11 +107,11 @@ class IterationHyperparameters(settings.Exploration):
 def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterationConfig:
     """Return a static config for runs that begin with a dial: with its network, for its angles.
 
-    A narrower range of the config stays, down to a single angle.
+    A range of the config that is not the default stays, down to a single angle.
 
     Raises:
         UserError: If the dial has no pair of values for each action, or reads one-hot inputs, or
-            has none of the angles.
+            was not trained for the whole range of the config.
     """
     view = dial.turned.view
     if not dial.pairs:
@@ -121,8 +121,10 @@ def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterat
     names = [name for name, choice in CHOICES.items() if choice == getattr(view, "choice", None)]
     if not names or (view is None) != (names == ["flat"]):
         raise UserError("this dial reads a gridworld: give one of the intersection")
-    low, high = max(static.low, dial.low), min(static.high, dial.high)
-    if low > high:
+    low, high = static.low, static.high
+    if (low, high) == (type(static).low, type(static).high):
+        low, high = dial.low, dial.high
+    if not dial.low <= low <= high <= dial.high:
         raise UserError(
             f"this dial is of angles from {dial.low:g} to {dial.high:g}: "
             "give --set low and high within them"
