@@ -40,10 +40,10 @@ KINDS = {
 
 
 def labelled(dial, rng):
-    """Return observations with their angles, those before, labels and worlds of one round."""
+    """Return observations with their angles, those before, and labels of one round."""
     static = policy_iteration.with_network_of(ITERATION, dial)
     follow, columns = policy_iteration.greedy(dial), []
-    for number, text in enumerate(TRAINING):
+    for text in TRAINING:
         batch = Intersection().shifted(text, OWN).batch(BATCH)
         batch.reset(rng.integers(2**63, size=BATCH, dtype=np.uint64))
         angles = stratified_angles(static, BATCH, rng)
@@ -51,8 +51,7 @@ def labelled(dial, rng):
         for _ in range(STEPS):
             observation = observed(batch, True, angles)
             returns = np.stack(branched_returns(batch, follow, True, angles), 1)
-            worlds = np.full(BATCH, number)
-            columns.append((observation, before, returns.astype(np.float32), worlds))
+            columns.append((observation, before, returns.astype(np.float32)))
             random, explores = rng.integers(3, size=BATCH), rng.random(BATCH) < 0.1
             time, shown = batch.time, batch.observation
             batch.step(np.where(explores, random, follow(observation)))
@@ -63,16 +62,16 @@ def labelled(dial, rng):
 def inputs(observation, before, choice, with_history):
     """Return inputs of the other vehicles, their presence, and inputs of ego, time and angle."""
     rows, old = (part.reshape(len(part), -1, ROW) for part in (observation[:, :-2], before))
-    (ego, vehicles), (old_ego, others) = ((part[:, 0], part[:, 1:]) for part in (rows, old))
+    (ego, vehicles), (old_ego, old_vehicles) = ((part[:, 0], part[:, 1:]) for part in (rows, old))
     properties = CHOICES[choice]
     assert properties is not None
     view = View((), (), properties, rows[0].size)
     of_vehicles, of_ego = view.of_others(ego, vehicles), view.absolute(ego)
     if with_history:
-        there = others[..., 1:3] + PER_SECOND * others[..., 3:5]
-        away = np.linalg.norm(vehicles[:, :, None, 1:3] - there[:, None], axis=-1)
-        away += 9.0 * (2.0 - (others[:, None, :, 0] > 0) - (vehicles[:, :, None, 0] > 0))
-        same = np.take_along_axis(others, away.argmin(2)[..., None], axis=1)
+        expected = old_vehicles[..., 1:3] + PER_SECOND * old_vehicles[..., 3:5]
+        away = np.linalg.norm(vehicles[:, :, None, 1:3] - expected[:, None], axis=-1)
+        away += 9.0 * (2.0 - (old_vehicles[:, None, :, 0] > 0) - (vehicles[:, :, None, 0] > 0))
+        same = np.take_along_axis(old_vehicles, away.argmin(2)[..., None], axis=1)
         known = (away.min(2) < 0.06)[..., None]
         turned = same[..., 5:6] * vehicles[..., 6:] - same[..., 6:] * vehicles[..., 5:6]
         faster = 5.0 * (_speed(vehicles) - _speed(same))
@@ -119,8 +118,10 @@ def fitted(rows, returns, width, seed):
     rng = np.random.default_rng(seed)
 
     def layers_of(*widths):
-        ends = [*itertools.pairwise(widths)]
-        return [(rng.normal(size=e) * np.sqrt(2 / e[0]), np.zeros(e[1])) for e in ends]
+        shapes = itertools.pairwise(widths)
+        return [
+            (rng.normal(size=ends) * np.sqrt(2 / ends[0]), np.zeros(ends[1])) for ends in shapes
+        ]
 
     layers = (
         layers_of(rows[0].shape[-1], 64, 64),
