@@ -1,14 +1,20 @@
-"""Worth of a network's inputs and width: networks that are fitted to the same labelled states.
+"""Worth of a network's inputs, width and labels: networks that are fitted to labelled states.
 
-    python benchmarks/inputs.py
+    python benchmarks/inputs.py [--rounds 16] [--updates 10000] [--rows 512] [--seeds 0 1]
 
 A dial that is trained over shifts visits their worlds; each state is labelled by rollouts of every
 action in copies of the simulator. With history the network also reads each vehicle's change of
 speed and heading since the decision before, and the ego's change of speed. Printed is the gain of
-the chosen actions over the mean action on states that no fit has seen, and that of the best ones.
+the chosen actions over the mean action on states that no fit has seen, with connected lanes too,
+and that of the best ones. A GPU fits the networks where JAX has one; `--out` keeps the dials.
 """
 
+import argparse
+import dataclasses
 import itertools
+import multiprocessing
+from functools import partial
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -28,22 +34,26 @@ from socialiq.worlds.intersection.world import Intersection
 from studies.compare_shifts.study import OWN, TRAINING
 
 DIAL = "compare-shifts/randomised-200.safetensors"
-BATCH, STEPS, ROUNDS, HELD_OUT = 96, 25, 16, 5
-UPDATES, ROWS, SEEDS = 10_000, 512, (0, 1)
+BATCH, STEPS, HELD_OUT = 96, 25, 5
+ROUND = BATCH * STEPS * len(TRAINING)  # states
 KINDS = {
-    "as it is": ("set", False, 256),
-    "with history": ("set", True, 256),
-    "closest approach": ("set_ahead", False, 256),
-    "twice as wide": ("set", False, 512),
+    "as it is": ("set", False, 64, 256),
+    "with history": ("set", True, 64, 256),
+    "closest approach": ("set_ahead", False, 64, 256),
+    "encoder of 256": ("set", False, 256, 256),
+    "width of 512": ("set", False, 64, 512),
+    "width of 1,024": ("set", False, 64, 1024),
 }
-"""View, whether it reads the history, and width of both hidden layers."""
+"""View, whether it reads the history, and widths of the encoder and of both hidden layers."""
 
 
-def labelled(dial, rng):
-    """Return observations with their angles, those before, and labels of one round."""
+def labelled(number):
+    """Return observations, those before, returns and numbers of the worlds of one round."""
+    jax.config.update("jax_platforms", "cpu")
+    dial, rng = DialPolicy.load(packaged_results() / DIAL), np.random.default_rng(number)
     static = policy_iteration.with_network_of(ITERATION, dial)
     follow, columns = policy_iteration.greedy(dial), []
-    for text in TRAINING:
+    for world, text in enumerate(TRAINING):
         batch = Intersection().shifted(text, OWN).batch(BATCH)
         batch.reset(rng.integers(2**63, size=BATCH, dtype=np.uint64))
         angles = stratified_angles(static, BATCH, rng)
@@ -51,16 +61,16 @@ def labelled(dial, rng):
         for _ in range(STEPS):
             observation = observed(batch, True, angles)
             returns = np.stack(branched_returns(batch, follow, True, angles), 1)
-            columns.append((observation, before, returns.astype(np.float32)))
+            columns.append((observation, before, returns.astype(np.float32), [world] * BATCH))
             random, explores = rng.integers(3, size=BATCH), rng.random(BATCH) < 0.1
             time, shown = batch.time, batch.observation
             batch.step(np.where(explores, random, follow(observation)))
-            before = np.where((batch.time > time)[:, None], shown, 0.0)
-    return columns
+            before = np.where((batch.time > time)[:, None], shown, 0.0).astype(np.float32)
+    return [np.concatenate(column) for column in zip(*columns, strict=True)]
 
 
 def inputs(observation, before, choice, with_history):
-    """Return inputs of the other vehicles, their presence, and inputs of ego, time and angle."""
+    """Return inputs of the other vehicles, their presence, and inputs of time and ego."""
     rows, old = (part.reshape(len(part), -1, ROW) for part in (observation[:, :-2], before))
     (ego, vehicles), (old_ego, old_vehicles) = ((part[:, 0], part[:, 1:]) for part in (rows, old))
     properties = CHOICES[choice]
@@ -69,51 +79,53 @@ def inputs(observation, before, choice, with_history):
     of_vehicles, of_ego = view.of_others(ego, vehicles), view.absolute(ego)
     if with_history:
         expected = old_vehicles[..., 1:3] + PER_SECOND * old_vehicles[..., 3:5]
-        away = np.linalg.norm(vehicles[:, :, None, 1:3] - expected[:, None], axis=-1)
+        away = jnp.linalg.norm(vehicles[:, :, None, 1:3] - expected[:, None], axis=-1)
         away += 9.0 * (2.0 - (old_vehicles[:, None, :, 0] > 0) - (vehicles[:, :, None, 0] > 0))
-        same = np.take_along_axis(old_vehicles, away.argmin(2)[..., None], axis=1)
+        same = jnp.take_along_axis(old_vehicles, away.argmin(2)[..., None], axis=1)
         known = (away.min(2) < 0.06)[..., None]
         turned = same[..., 5:6] * vehicles[..., 6:] - same[..., 6:] * vehicles[..., 5:6]
         faster = 5.0 * (_speed(vehicles) - _speed(same))
-        of_vehicles = np.concatenate([of_vehicles, known * faster, known * turned, known], -1)
-        of_ego = np.concatenate([of_ego, 5.0 * (_speed(ego) - _speed(old_ego)) * old_ego[:, :1]], 1)
+        of_vehicles = jnp.concatenate([of_vehicles, known * faster, known * turned, known], -1)
+        slower = 5.0 * (_speed(ego) - _speed(old_ego)) * old_ego[:, :1]
+        of_ego = jnp.concatenate([of_ego, slower], axis=1)
     time = observation[:, -2:-1] == np.arange(DECISIONS * len(EXITS))
-    of_ego = np.concatenate([of_ego, time, directions(observation)], axis=1)
-    return of_vehicles.astype(np.float32), vehicles[..., :1], of_ego.astype(np.float32)
+    return of_vehicles, vehicles[..., :1], jnp.concatenate([time, of_ego], axis=1)
 
 
 def _speed(rows):
-    return np.linalg.norm(rows[..., 3:5], axis=-1, keepdims=True)
+    return jnp.linalg.norm(rows[..., 3:5], axis=-1, keepdims=True)
 
 
 def directions(observation):
     """Return (cos α, sin α) of the angles in degrees at the ends of observations."""
-    radians = np.deg2rad(observation[:, -1:])
-    return np.concatenate([np.cos(radians), np.sin(radians)], axis=1)
+    radians = jnp.deg2rad(observation[:, -1:])
+    return jnp.concatenate([jnp.cos(radians), jnp.sin(radians)], axis=1)
 
 
-def outputs(layers, of_vehicles, presence, of_ego):
+def outputs(layers, kind, observation, before):
     """Return both values of each action, of a network that pools the vehicles."""
     encoder, rest = layers
+    of_vehicles, presence, of_ego = inputs(observation, before, *kind)
     for weight, bias in encoder:
         of_vehicles = jax.nn.relu(of_vehicles @ weight + bias)
     pooled = of_vehicles * presence
-    hidden = jnp.concatenate([of_ego, pooled.sum(1), pooled.max(1)], axis=-1)
+    columns = of_ego, pooled.sum(1), pooled.max(1), directions(observation)
+    hidden = jnp.concatenate(columns, axis=-1)
     for weight, bias in rest[:-1]:
         hidden = jax.nn.relu(hidden @ weight + bias)
     return (hidden @ rest[-1][0] + rest[-1][1]).reshape(-1, 2, 3)
 
 
-def loss(layers, rows, returns, progress):
+def loss(layers, kind, progress, observation, before, returns):
     """The loss of `policy_iteration.DialIteration` with a regression of two fifths."""
-    values, direction = outputs(layers, *rows), rows[2][:, None, -2:]
-    score, gains = ((direction @ pair)[:, 0] for pair in (values, returns))
+    values, direction = outputs(layers, kind, observation, before), directions(observation)
+    score, gains = ((direction[:, None] @ pair)[:, 0] for pair in (values, returns))
     errors = jax.vmap(policy_iteration.regression_error, (1, 1, None))(values, returns, 0.05)
     gain, entropy = policy_iteration.expected_return(score, gains, 0.3)
     return jnp.where(progress < 0.4, errors.sum(0).mean(), -(gain + 0.01 * entropy).mean())
 
 
-def fitted(rows, returns, width, seed):
+def fitted(states, kind, encoder, width, seed, updates, rows):
     """Return the running average of a network that is fitted to labelled states."""
     rng = np.random.default_rng(seed)
 
@@ -123,45 +135,97 @@ def fitted(rows, returns, width, seed):
             (rng.normal(size=ends) * np.sqrt(2 / ends[0]), np.zeros(ends[1])) for ends in shapes
         ]
 
+    examples = (jax.ShapeDtypeStruct((1, *part.shape[1:]), part.dtype) for part in states[:2])
+    shapes = jax.eval_shape(lambda *parts: inputs(*parts, *kind), *examples)
+    of_vehicles, of_ego = shapes[0].shape[-1], shapes[2].shape[-1]
     layers = (
-        layers_of(rows[0].shape[-1], 64, 64),
-        layers_of(rows[2].shape[1] + 128, width, width, 6),
+        layers_of(of_vehicles, encoder, encoder),
+        layers_of(of_ego + 2 * encoder + 2, width, width, 6),
     )
     layers = jax.tree.map(jnp.float32, layers)
-    optimiser = optax.adam(optax.cosine_decay_schedule(1e-3, UPDATES, 0.03))
+    optimiser = optax.adam(optax.cosine_decay_schedule(1e-3, updates, 0.03))
+
+    def update(states, carry, number):
+        layers, state, average = carry
+        key = jax.random.fold_in(jax.random.key(seed), number)
+        drawn = jax.random.randint(key, (rows,), 0, len(states[0]))
+        change = jax.grad(loss)(layers, kind, number / updates, *(part[drawn] for part in states))
+        change, state = optimiser.update(change, state)
+        layers = optax.apply_updates(layers, change)
+        average = jax.tree.map(lambda a, b: a + 0.002 * (b - a), average, layers)
+        return (layers, state, average), None
 
     @jax.jit
-    def update(layers, state, average, batch, progress):
-        change, state = optimiser.update(jax.grad(loss)(layers, *batch, progress), state)
-        layers = optax.apply_updates(layers, change)
-        return layers, state, jax.tree.map(lambda a, b: a + 0.002 * (b - a), average, layers)
+    def run(*states):
+        start = layers, optimiser.init(layers), layers
+        return jax.lax.scan(partial(update, states), start, jnp.arange(updates))[0][2]
 
-    state, average = optimiser.init(layers), layers
-    for number in range(UPDATES):
-        drawn = rng.integers(len(returns), size=ROWS)
-        batch = tuple(part[drawn] for part in rows), returns[drawn]
-        layers, state, average = update(layers, state, average, batch, number / UPDATES)
-    return average
+    return run(*states)
+
+
+def measured(layers, kind, fresh):
+    """Return the mean gains over the mean action: chosen, with connected lanes, and best."""
+    pairs, worlds = fresh[2], fresh[3]
+    gains = np.asarray((directions(fresh[0])[:, None] @ pairs)[:, 0])
+    gains = gains - gains.mean(axis=1, keepdims=True)
+    values = jax.jit(partial(outputs, kind=kind))(layers, observation=fresh[0], before=fresh[1])
+    chosen = np.asarray((directions(fresh[0])[:, None] @ values)[:, 0].argmax(axis=1))
+    gain, connected = gains[np.arange(len(gains)), chosen], np.char.find(TRAINING, "connected") >= 0
+    return {
+        "gain": gain.mean(),
+        "connected": gain[connected[worlds]].mean(),
+        "best": gains.max(1).mean(),
+        "best_connected": gains.max(1)[connected[worlds]].mean(),
+    }
+
+
+def as_dial(layers):
+    """Return a network without history as a dial that drives behind the front end `OWN`."""
+    dial = DialPolicy.load(packaged_results() / DIAL)
+    (encoder, rest), view = jax.tree.map(np.asarray, layers), dial.turned.view
+    of_view, of_dial = (
+        [list(column) for column in zip(*part, strict=True)] for part in (encoder, rest)
+    )
+    view = dataclasses.replace(
+        view, weights=tuple(weight.T for weight in of_view[0]), biases=tuple(of_view[1])
+    )
+    turned = dataclasses.replace(
+        dial.turned,
+        weights=tuple(weight.T for weight in of_dial[0]),
+        biases=tuple(of_dial[1]),
+        view=view,
+        provenance={"made_by": "benchmarks/inputs.py"},
+    )
+    return dataclasses.replace(dial, turned=turned)
 
 
 def main() -> None:
-    """Print the gain of each kind of network and seed, beside that of the best actions."""
-    dial, rng = DialPolicy.load(packaged_results() / DIAL), np.random.default_rng(0)
-    rounds = [labelled(dial, rng) for _ in range(ROUNDS + HELD_OUT)]
-    known, fresh = (
-        [np.concatenate(column) for column in zip(*itertools.chain(*part), strict=True)]
-        for part in (rounds[:ROUNDS], rounds[ROUNDS:])
+    """Print the gains of each kind of network, number of rounds of labels, and seed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name, default in {"updates": 10_000, "rows": 512, "processes": 1}.items():
+        parser.add_argument(f"--{name}", type=int, default=default)
+    for name, defaults in {"rounds": [16], "seeds": [0, 1]}.items():
+        parser.add_argument(f"--{name}", type=int, nargs="+", default=defaults)
+    parser.add_argument("--out", type=Path)
+    asked = parser.parse_args()
+    with multiprocessing.get_context("spawn").Pool(asked.processes) as pool:
+        rounds = pool.map(labelled, range(HELD_OUT + max(asked.rounds)), chunksize=1)
+    fresh, known = (
+        [np.concatenate(column) for column in zip(*part, strict=True)]
+        for part in (rounds[:HELD_OUT], rounds[HELD_OUT:])
     )
-    gains = (directions(fresh[0])[:, None] @ fresh[2])[:, 0]
-    gains, table = gains - gains.mean(axis=1, keepdims=True), []
-    for (name, (*kind, width)), seed in itertools.product(KINDS.items(), SEEDS):
-        layers = fitted(inputs(*known[:2], *kind), known[2], width, seed)
-        rows = inputs(*fresh[:2], *kind)
-        values = np.asarray(jax.jit(outputs)(layers, *rows))
-        chosen = (rows[2][:, None, -2:] @ values)[:, 0].argmax(axis=1)
-        gain = gains[np.arange(len(gains)), chosen].mean()
-        table.append({"network": name, "seed": seed, "gain": gain, "best": gains.max(1).mean()})
-    print_table(table, f"{len(known[0]):,} states to fit, {len(gains):,} to measure")
+    table, numbers = [], (asked.updates, asked.rows)
+    for count, (name, (*kind, encoder, width)), seed in itertools.product(
+        asked.rounds, KINDS.items(), asked.seeds
+    ):
+        states = tuple(jnp.asarray(part[: count * ROUND]) for part in known[:3])
+        layers = fitted(states, tuple(kind), encoder, width, seed, *numbers)
+        row = {"network": name, "states": len(states[0]), "seed": seed}
+        table.append(row | measured(layers, tuple(kind), fresh))
+        if asked.out and [*kind, encoder] == ["set", False, 64]:
+            asked.out.mkdir(parents=True, exist_ok=True)
+            as_dial(layers).save(asked.out / f"{width}-{count}-{seed}.safetensors")
+    print_table(table, f"{len(fresh[0]):,} states to measure")
 
 
 if __name__ == "__main__":
