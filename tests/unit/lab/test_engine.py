@@ -69,6 +69,17 @@ def test_jobs_are_done_after_their_inputs_and_once(quick, tmp_path):
     assert (tmp_path / "s" / "d" / "value").read_text() == "1112"
 
 
+def test_no_process_is_idle_while_a_job_is_ready(quick, tmp_path):
+    def job(number, work, seconds):
+        return Job(f"s/{number}", work, quick.Config(seconds), ("before",))
+
+    works = [(quick.linger, 1), (quick.meet, int(HANG))] * 2
+    jobs = [Job("before", quick.linger, quick.Config(1))]
+    jobs += [job(number, *work) for number, work in enumerate(works)]
+    run_jobs(jobs, tmp_path, silent, processes=2)
+    assert all((tmp_path / "s" / str(n) / "value").is_file() for n in range(4))
+
+
 def test_a_job_that_fails_is_named_and_leaves_nothing_finished(quick, tmp_path):
     jobs = [
         Job("good", quick.add, quick.Config(1)),

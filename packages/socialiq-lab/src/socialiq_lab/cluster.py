@@ -167,8 +167,8 @@ class Task(NamedTuple):
     described: dict[str, str]  # result of `describe` in the calling process
 
 
-def perform(task: Task, *_inputs: float) -> float:
-    """Run a job and return its seconds; the inputs only make it wait for them.
+def perform(task: Task) -> float:
+    """Run a job and return its seconds.
 
     Raises:
         Stopped: If the call was stopped.

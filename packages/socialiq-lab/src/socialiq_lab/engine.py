@@ -6,6 +6,7 @@ process of a job, and another one if that process dies.
 
 from __future__ import annotations
 
+import itertools
 import math
 import queue
 import tempfile
@@ -28,6 +29,8 @@ if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` n
 
 _EPISODES_OF_A_PART = 1000
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
+
+_LOOK = 1.0  # s between two counts of the processes, which may join or leave a cluster
 
 STOPPED = "stopped: what is finished is kept; give the same command to go on"
 
@@ -119,7 +122,7 @@ class _Call:
         on_stage: Callable[[str], Callable[[Report], None] | None],
     ) -> None:
         self.client, self.work, self.name = client, work, uuid.uuid4().hex
-        self.known, self.open = fingerprints(jobs), still_open
+        self.known, self.open = fingerprints(jobs), {job.name: job for job in still_open}
         self.progress = Progress(jobs, still_open, on_stage)
         self.begun: set[str] = set()
         self.futures: dict[str, Future] = {}
@@ -141,9 +144,12 @@ class _Call:
             except ImportError as error:
                 line = f"a worker of the cluster can't import socialiq: {error}"
                 raise UserError(line) from None
-            self._send(described)
-            while self.futures:
-                self._take(*self.messages.get())
+            self.client.subscribe_topic(
+                cluster.topic(self.name), lambda event: self.messages.put(tuple(event[1]))
+            )
+            while self.open:
+                self._send(described)
+                self._wait()
         except (KeyboardInterrupt, UserError):
             self._stop()
             raise
@@ -151,28 +157,32 @@ class _Call:
             (self.work / ".call").unlink(missing_ok=True)
 
     def _send(self, described: dict[str, str]) -> None:
+        """Send the next jobs whose inputs are finished, one for each thread without a job.
+
+        Dask would queue a job at the process that has its inputs, while another process has none.
+        """
         from socialiq_lab import cluster
 
-        self.client.subscribe_topic(
-            cluster.topic(self.name), lambda event: self.messages.put(tuple(event[1]))
-        )
-        for number, job in enumerate(self.open):
+        free = sum(self.client.nthreads().values()) - len(self.futures)
+        waiting = (job for name, job in self.open.items() if name not in self.futures)
+        ready = (job for job in waiting if not any(name in self.open for name in job.inputs))
+        for job in itertools.islice(ready, max(free, 0)):
             task = cluster.Task(job, self.work, self.known[job.name], self.name, described)
-            future = self.client.submit(
-                cluster.perform,
-                task,
-                *(self.futures[name] for name in job.inputs if name in self.futures),
-                key=f"{job.name}-{self.name}",
-                priority=-number,
-                pure=False,
-            )
+            key = f"{job.name}-{self.name}"
+            future = self.client.submit(cluster.perform, task, key=key, pure=False)
             self.futures[job.name] = future
-        for name, future in self.futures.items():
-            future.add_done_callback(lambda _, name=name: self.messages.put((name, None)))
+            future.add_done_callback(lambda _, name=job.name: self.messages.put((name, None)))
+
+    def _wait(self) -> None:
+        """Take messages until a job is finished, or it is time to count the processes again."""
+        deadline, sent = time.monotonic() + _LOOK, len(self.futures)
+        with suppress(queue.Empty):
+            while len(self.futures) == sent and time.monotonic() < deadline:
+                self._take(*self.messages.get(timeout=_LOOK))
 
     def _take(self, name: str, share: float | None) -> None:
         """Take note of a job's share, or that its future is done (None)."""
-        if name not in self.futures:  # a late report of a job that is finished
+        if name not in self.open:  # a late report of a job that is finished
             return
         if name not in self.begun:
             self.begun.add(name)
@@ -185,7 +195,7 @@ class _Call:
         if future.status != "finished":
             raise self._failure(name, future)
         self.progress.update(name, 1.0)
-        del self.futures[name]
+        del self.futures[name], self.open[name]
 
     def _failure(self, name: str, future: Future) -> UserError:
         if future.status == "error":
