@@ -1,3 +1,4 @@
+import dataclasses
 from typing import Any
 
 import pytest
@@ -38,7 +39,7 @@ def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> Non
         *({"discount": value} for value in (-0.1, 1.0, NAN)),
         *({"polyak": value} for value in (0.0, 1.1, NAN)),
         *({"exploration": value} for value in (-0.1, 1.1, NAN)),
-        *({"exploration_fall": value} for value in (0.0, 1.1, NAN)),
+        *({"exploration_fall": value} for value in (-0.1, 1.1, NAN)),
         *({"seed": value} for value in (-1, 2**32)),
     ],
     ids=str,
@@ -58,6 +59,7 @@ def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
         {"polyak": 1.0},
         {"exploration": 0.0},
         {"exploration": 1.0},
+        {"exploration_fall": 0.0},
         {"exploration_fall": 1.0},
         {"seed": 2**32 - 1},
     ],
@@ -72,6 +74,7 @@ def test_exploration_falls_in_a_straight_line_and_stays() -> None:
     hyperparameters = DQNHyperparameters(exploration=0.2, exploration_fall=0.5)
     found = [hyperparameters.exploring(progress) for progress in (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)]
     assert found == pytest.approx([1.0, 0.8, 0.6, 0.2, 0.2, 0.2])
+    assert dataclasses.replace(hyperparameters, exploration_fall=0.0).exploring(0.0) == 0.2
 
 
 @pytest.mark.parametrize(

@@ -221,13 +221,14 @@ class Exploration(Averaged):
     """Adam's final learning rate; in between it falls linearly."""
     exploration: Share = 0.05
     """Share of random actions, after it has fallen from 1."""
-    exploration_fall: Rate = 0.2
-    """Share of the run during which it falls."""
+    exploration_fall: Share = 0.2
+    """Share of the run during which it falls; 0: it doesn't begin at 1."""
 
     def exploring(self, progress: float) -> float:
         """Return the share of random actions when this share of the run is done."""
-        fallen = 1.0 - (1.0 - self.exploration) * progress / self.exploration_fall
-        return max(fallen, self.exploration)
+        if progress >= self.exploration_fall:
+            return self.exploration
+        return 1.0 - (1.0 - self.exploration) * progress / self.exploration_fall
 
 
 @dataclass(frozen=True)
