@@ -182,21 +182,20 @@ def measured(layers, kind, fresh):
 def as_dial(layers):
     """Return a network without history as a dial that drives behind the front end `OWN`."""
     dial = DialPolicy.load(packaged_results() / DIAL)
-    (encoder, rest), view = jax.tree.map(np.asarray, layers), dial.turned.view
-    of_view, of_dial = (
-        [list(column) for column in zip(*part, strict=True)] for part in (encoder, rest)
-    )
-    view = dataclasses.replace(
-        view, weights=tuple(weight.T for weight in of_view[0]), biases=tuple(of_view[1])
-    )
-    turned = dataclasses.replace(
-        dial.turned,
-        weights=tuple(weight.T for weight in of_dial[0]),
-        biases=tuple(of_dial[1]),
-        view=view,
-        provenance={"made_by": "benchmarks/inputs.py"},
-    )
+    (encoder, rest), view = layers, dial.turned.view
+    assert isinstance(view, View)
+    view = dataclasses.replace(view, **_parts(encoder))
+    made_by = {"made_by": "benchmarks/inputs.py"}
+    turned = dataclasses.replace(dial.turned, **_parts(rest), view=view, provenance=made_by)
     return dataclasses.replace(dial, turned=turned)
+
+
+def _parts(layers):
+    weights, biases = zip(*layers, strict=True)
+    return {
+        "weights": tuple(np.asarray(weight).T for weight in weights),
+        "biases": tuple(np.asarray(bias) for bias in biases),
+    }
 
 
 def main() -> None:

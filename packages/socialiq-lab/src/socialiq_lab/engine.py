@@ -163,7 +163,8 @@ class _Call:
         """
         from socialiq_lab import cluster
 
-        free = sum(self.client.nthreads().values()) - len(self.futures)
+        threads: Any = self.client.nthreads()
+        free = sum(threads.values()) - len(self.futures)
         waiting = (job for name, job in self.open.items() if name not in self.futures)
         ready = (job for job in waiting if not any(name in self.open for name in job.inputs))
         for job in itertools.islice(ready, max(free, 0)):
