@@ -82,7 +82,7 @@ def meet(config, folder, inputs, on_progress):
         if len(list(folder.parent.glob("*.here"))) > 1:
             return (folder / "value").write_text(str(config.value))
         time.sleep(0.1)
-    raise UserError("nobody came")
+    raise UserError("no other job came")
 
 
 def count(config, folder, inputs, on_progress):
