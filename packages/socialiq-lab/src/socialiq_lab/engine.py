@@ -29,9 +29,12 @@ if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` n
 
 _EPISODES_OF_A_PART = 1000
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
-
 _LOOK = 1.0  # s between two counts of the processes, which may join or leave a cluster
 
+_GONE = (
+    "the scheduler is gone: what is finished is kept; start it again and give the same command to "
+    "go on"
+)
 STOPPED = "stopped: what is finished is kept; give the same command to go on"
 
 
@@ -163,7 +166,10 @@ class _Call:
         """
         from socialiq_lab import cluster
 
-        threads: Any = self.client.nthreads()
+        try:
+            threads: Any = self.client.nthreads()
+        except OSError:
+            raise UserError(_GONE) from None
         free = sum(threads.values()) - len(self.futures)
         waiting = (job for name, job in self.open.items() if name not in self.futures)
         ready = (job for job in waiting if not any(name in self.open for name in job.inputs))
@@ -211,10 +217,7 @@ class _Call:
                 )
             line = " ".join(f"{type(error).__name__}: {error}".split())
             return UserError(f"{name}: {line}")
-        return UserError(
-            "the scheduler is gone: what is finished is kept; start it again and give the same "
-            "command to go on"
-        )
+        return UserError(_GONE)
 
     def _stop(self) -> None:
         """Ask the jobs in progress to stop, and wait for those that save their state."""
