@@ -171,11 +171,12 @@ def measured(layers, kind, fresh):
     values = jax.jit(partial(outputs, kind=kind))(layers, observation=fresh[0], before=fresh[1])
     chosen = np.asarray((directions(fresh[0])[:, None] @ values)[:, 0].argmax(axis=1))
     gain, connected = gains[np.arange(len(gains)), chosen], np.char.find(TRAINING, "connected") >= 0
+    best, there = gains.max(axis=1), connected[worlds]
     return {
-        "gain": gain.mean(),
-        "connected": gain[connected[worlds]].mean(),
-        "best": gains.max(1).mean(),
-        "best_connected": gains.max(1)[connected[worlds]].mean(),
+        "gain": float(gain.mean()),
+        "connected": float(gain[there].mean()),
+        "best": float(best.mean()),
+        "best_connected": float(best[there].mean()),
     }
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` n
 
 _EPISODES_OF_A_PART = 1000
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
-_LOOK = 1.0  # s between two counts of the processes, which may join or leave a cluster
+_RECOUNT = 1.0  # s between two counts of the processes, which may join or leave a cluster
 
 _GONE = (
     "the scheduler is gone: what is finished is kept; start it again and give the same command to "
@@ -182,10 +182,10 @@ class _Call:
 
     def _wait(self) -> None:
         """Take messages until a job is finished, or it is time to count the processes again."""
-        deadline, sent = time.monotonic() + _LOOK, len(self.futures)
+        deadline, sent = time.monotonic() + _RECOUNT, len(self.futures)
         with suppress(queue.Empty):
             while len(self.futures) == sent and time.monotonic() < deadline:
-                self._take(*self.messages.get(timeout=_LOOK))
+                self._take(*self.messages.get(timeout=_RECOUNT))
 
     def _take(self, name: str, share: float | None) -> None:
         """Take note of a job's share, or that its future is done (None)."""
