@@ -16,6 +16,7 @@ from socialiq.worlds.highway.core.compile import (
     inlined_kernel,
     kernel,
 )
+from socialiq.worlds.highway.core.splitmix import hashed
 from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
 from socialiq_recordings.idm import HARDEST
 from socialiq_recordings.world import people
@@ -255,7 +256,7 @@ def _entries(sources: int):
                 decide(road, traffic, results, row, levels[actions[row]], options[0], slack)
             else:
                 if seeded[row]:
-                    traffic.seed[row] = rules.hashed(seeds[row])
+                    traffic.seed[row] = hashed(seeds[row])
                 else:
                     traffic.seed[row] = rules.following(traffic.seed[row])
                 reset(road, traffic, row)

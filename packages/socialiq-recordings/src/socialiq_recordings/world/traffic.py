@@ -11,31 +11,21 @@ import math
 import numpy as np
 
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.splitmix import GOLDEN, hashed
 from socialiq_recordings import idm as model
 from socialiq_recordings.world import people
 
 limited = kernel(model.limited)
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-_S30, _S27, _S31, _S11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
-_ONE = np.uint64(1)
+_S11, _ONE = np.uint64(11), np.uint64(1)
 _UNIT = 2.0**-53
-
-
-@kernel
-def hashed(word):
-    """Return the mixed bits of a word, SplitMix64's finaliser."""
-    word = (word ^ (word >> _S30)) * _FIRST
-    word = (word ^ (word >> _S27)) * _SECOND
-    return word ^ (word >> _S31)
 
 
 @kernel
 def uniform(seed, purpose, number):
     """Return a number in [0, 1): that of a number and a purpose of an episode."""
-    word = hashed(seed + _GOLDEN * np.uint64(purpose + 1))
-    word = hashed(word + _GOLDEN * np.uint64(number + 1))
+    word = hashed(seed + GOLDEN * np.uint64(purpose + 1))
+    word = hashed(word + GOLDEN * np.uint64(number + 1))
     return np.float64(word >> _S11) * _UNIT
 
 
@@ -50,7 +40,7 @@ def normal(seed, purpose, number):
 @kernel
 def following(seed):
     """Return the seed of the next episode of a stream."""
-    return hashed(seed + _GOLDEN) + _ONE
+    return hashed(seed + GOLDEN) + _ONE
 
 
 WAITING, PRESENT, GONE = range(3)  # states of a vehicle in an episode

@@ -120,7 +120,7 @@ def parse(arguments: list[str] | None) -> Any:
     """
     every = sys.argv[1:] if arguments is None else arguments
     words.check_words(every)
-    line = [word for word in every if word != "--json"]
+    line = words.forwarded([word for word in every if word != "--json"])
     first = line[0] if line else ""
     if first in ("-h", "--help"):
         _print_and_exit(commands.help_page())
@@ -128,9 +128,6 @@ def parse(arguments: list[str] | None) -> Any:
         _print_and_exit(f"socialiq {importlib.metadata.version('socialiq')}\n")
     if first.startswith(("--tyro-print-completion", "--tyro-write-completion")):
         return _options_of(commands.every_command(), "socialiq", line, commands.DESCRIPTION)
-    if first in words.OLD_WORDS:
-        line = words.forwarded(line)
-        first = line[0]
     for length in (2, 1):
         name = " ".join(line[:length])
         if name not in commands.COMMANDS:

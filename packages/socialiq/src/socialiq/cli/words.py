@@ -1,7 +1,7 @@
-"""Words of a command line: the checks that all options share, old words and mistyped ones.
+"""Words of a command line: the checks that all options share, and mistyped words.
 
 The commands' own checks say what a value means; those here keep out what nothing could mean.
-Words of older releases are forwarded, and unknown ones answered with the nearest that is known.
+Unknown words are answered with the nearest that is known.
 """
 
 import dataclasses
@@ -12,17 +12,11 @@ import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from socialiq.cli import commands
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-
-OLD_WORDS = ("train", "train-dial", "improve-dial", "compare")
-"""First words that `forwarded` may change."""
-OFFLINE = "offline-regularised"
-"""Preset of `train-dial` that is now the learner offline-dial."""
 
 LARGEST_COUNT = 10**9
 """Largest whole number of an option that is no seed."""
@@ -130,60 +124,15 @@ def _values(options: Any) -> Iterator[tuple[str, int | float | None]]:
 
 
 def forwarded(words: Sequence[str]) -> list[str]:
-    """Return a command line in the words of this release; one that changes is printed.
+    """Return a command line in which `compare priors` became `reproduce compare-priors`.
 
-    `train FILE` stands for `train iq-learn FILE`, with `--learner` for that learner; `train-dial
-    WORLD` for `train dial --world WORLD`; `improve-dial` for `train improve-dial`; `compare priors`
-    for `reproduce compare-priors`.
+    A line that changes is printed.
     """
-    first, options = words[0], list(words[1:])
-    word = options[0] if options else ""
-    is_place = word.startswith("--") or "." in word or "/" in word
-    is_place = is_place or (bool(word) and Path(word).exists())
-    if first == "improve-dial":
-        new = ["train", "improve-dial", *options]
-    elif first == "train-dial":
-        new = ["train", *_dial(options)]
-    elif first == "compare" and options and not word.startswith("-"):
-        new = ["reproduce", f"compare-{word}", *options[1:]]
-    elif (
-        first == "train"
-        and is_place
-        and word != "--help"
-        and f"train {word}" not in commands.COMMANDS
-    ):
-        learner, options = _without(options, "--learner")
-        start = ["own", learner] if ":" in learner else [learner or "iq-learn"]
-        new = ["train", *start, *options]
-    else:
+    if words[:1] != ["compare"] or len(words) < 2 or words[1].startswith("-"):
         return list(words)
-    sys.stderr.write(f"socialiq: these words are now: socialiq {' '.join(new[:4])} ...\n")
+    new = ["reproduce", f"compare-{words[1]}", *words[2:]]
+    sys.stderr.write(f"socialiq: these words are now: socialiq {' '.join(new[:2])} ...\n")
     return new
-
-
-def _dial(options: list[str]) -> list[str]:
-    """Return the words of `train-dial` with the file first and the world as an option."""
-    data, options = _without(options, "--data")
-    world = [] if not options or options[0].startswith("-") else ["--world", options.pop(0)]
-    file, learner = ([data] if data else []), "dial"
-    if any(OFFLINE in word for word in options):
-        learner, options = "offline-dial", _without(options, "--preset")[1]
-    practised, options = _without(options, "--practice")
-    if practised:
-        learner = "practised-dial"
-        new = {"--practice-episodes": "--episodes", "--practice-seed": "--first-seed"}
-        options = ["--rounds", practised, *(new.get(word, word) for word in options)]
-    return [learner, *file, *world, *options]
-
-
-def _without(words: list[str], option: str) -> tuple[str, list[str]]:
-    """Return the value of an option, "" if it is not given, and the words without it."""
-    for position, word in enumerate(words):
-        if word.startswith(f"{option}="):
-            return word.partition("=")[2], [*words[:position], *words[position + 1 :]]
-        if word == option and position + 1 < len(words):
-            return words[position + 1], [*words[:position], *words[position + 2 :]]
-    return "", words
 
 
 def unknown_command(words: Sequence[str]) -> UserError:

@@ -19,6 +19,7 @@ from jaxtyping import Float, Float32, UInt64
 from socialiq.errors import UserError, one_of
 from socialiq.settings import assignments, changed
 from socialiq.worlds.highway.core.geometry import VEHICLE_WIDTH
+from socialiq.worlds.highway.core.splitmix import following
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 
@@ -141,7 +142,7 @@ def shifts_of(text: str) -> tuple[Shift, ...]:
 
 def key_of(seeds: np.ndarray) -> UInt64[np.ndarray, " batch"]:
     """Return the keys of episodes by their seeds, or of the following ones by the keys before."""
-    return _mixed(seeds.astype(np.uint64))
+    return following(seeds.astype(np.uint64))
 
 
 def values_of(shifts: Sequence[Shift], name: str, key: UInt64[np.ndarray, " batch"]) -> np.ndarray:
@@ -207,20 +208,11 @@ def _drift(key: np.ndarray, now: np.ndarray) -> Float[np.ndarray, "batch 2"]:
     return np.einsum("bt,btc->bc", weight * (age >= 0), draws)
 
 
-def _mixed(number: np.ndarray) -> np.ndarray:
-    """Return SplitMix64 of numbers (Steele et al. 2014)."""
-    with np.errstate(over="ignore"):
-        number = number + np.uint64(0x9E3779B97F4A7C15)
-        number = (number ^ (number >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        number = (number ^ (number >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        return number ^ (number >> np.uint64(31))
-
-
 def _uniform(key: np.ndarray, *counters: Any) -> np.ndarray:
     """Return a number in (0, 1) for a key and counters, which are broadcast."""
     number = key
     for counter in counters:
-        number = _mixed(number ^ _mixed(np.atleast_1d(np.asarray(counter, np.uint64))))
+        number = following(number ^ following(np.atleast_1d(np.asarray(counter, np.uint64))))
     return ((number >> np.uint64(12)) + 0.5) * 2.0**-52
 
 

@@ -69,6 +69,11 @@ def for_python(function: Callable[..., Any]) -> Any:
     return numba.njit(function, error_model="numpy", nogil=True)
 
 
+def elementwise(function: Callable[..., Any]) -> Any:
+    """Compile a function of numbers that Python calls with arrays, which are broadcast."""
+    return numba.vectorize(nopython=True, cache=True)(inspect.unwrap(function))
+
+
 def entry_point(function: Callable[..., Any], allocates: bool = False) -> Any:
     """Compile a function that is called from Python without the GIL, and cache it on disk.
 
