@@ -64,8 +64,8 @@ FURTHER = dataclasses.replace(
     batch_size=2048,
     updates=10_000,
     states_per_update=150,
-    first_rounds=60,
-    replay_capacity=3_300_000,
+    first_rounds=30,
+    replay_capacity=2_400_000,
 )
 FURTHER_NUMBERS = dataclasses.replace(ITERATION_NUMBERS, regression=0.4, exploration_fall=0.0)
 """Of the second stage, which begins with the first one's dial and keeps all labelled states."""
