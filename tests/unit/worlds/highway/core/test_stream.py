@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from socialiq.worlds.highway.core import stream
+from socialiq.worlds.highway.core import splitmix, stream
 from socialiq.worlds.highway.options import EPISODE
 
 SEEDS = (0, 1, 5302, 2**31, 2**40 + 7, 2**63)
@@ -64,3 +64,10 @@ def test_seeding_forgets_what_was_drawn_before():
     for one in found[:2]:
         draws(episode, np.uint64(3), kinds, np.array(LARGEST), one, found[2])
     assert found[0] == found[1] == np.random.default_rng(3).integers(3)
+
+
+def test_splitmix_gives_the_published_numbers():
+    """The first three of seed 1234567, as test vectors of other libraries have them."""
+    words = np.uint64(1234567) + splitmix.GOLDEN * np.arange(3, dtype=np.uint64)
+    numbers = [6457827717110365317, 3203168211198807973, 9817491932198370423]
+    assert splitmix.following(words).tolist() == numbers
