@@ -40,8 +40,8 @@ CELLS = "cells.csv"
 OWN = f"{KNOWN},exit=own"
 """Front end of dials that are trained over shifts."""
 
-START, BEGUN, TRAINED, ENSEMBLE = "start", "begun", "randomised", "ensemble"
-"""The shipped dial, dials of the first and second stage over shifts, and the mean of the second."""
+START, TRAINED, ENSEMBLE = "start", "randomised", "ensemble"
+"""Drivers: the shipped dial, dials that are trained over shifts, and the mean of these."""
 
 OTHERS = ("late", "unseen-30", "noise-3")
 TRAINING = (
@@ -57,18 +57,7 @@ TRAINING = (
 STRUCTURE = dataclasses.replace(
     ITERATION, batch_size=1024, states_per_update=60, first_rounds=3, replay_capacity=600_000
 )
-"""Of the first stage, which begins with the shipped dial; no seeds."""
-
-FURTHER = dataclasses.replace(
-    ITERATION,
-    batch_size=2048,
-    updates=10_000,
-    states_per_update=150,
-    first_rounds=30,
-    replay_capacity=2_400_000,
-)
-FURTHER_NUMBERS = dataclasses.replace(ITERATION_NUMBERS, regression=0.4, exploration_fall=0.0)
-"""Of the second stage, which begins with the first one's dial and keeps all labelled states."""
+"""Of the training, without the seed; it begins with a trained dial."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +71,6 @@ class Config:
     start: str = "intersection-dial-clock/iterated.safetensors"
     structure: policy_iteration.DialIterationConfig = STRUCTURE
     numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
-    further: policy_iteration.DialIterationConfig = FURTHER
-    further_numbers: policy_iteration.IterationHyperparameters = FURTHER_NUMBERS
     training: tuple[str, ...] = TRAINING
     shifts: tuple[str, ...] = tuple(SHIFTS)
     angles: tuple[float, ...] = (0.0, 45.0, 75.0, 90.0)  # degrees
@@ -96,20 +83,16 @@ class Config:
 
 
 def trainings(config: Config) -> Iterator[Job]:
-    """Yield the jobs of the dials: the shipped one, then two stages for each training seed."""
+    """Yield the jobs of the dials: the shipped one, then one for each training seed."""
     yield Job(START, driving.copy_shipped, driving.Shipped(config.start))
-    checks = training.Checks(times=4, episodes=200)
     for seed in config.seeds:
-        first, second = f"{BEGUN}/{seed}", f"{TRAINED}/{seed}"
-        for name, begin, structure, numbers in (
-            (first, START, config.structure, config.numbers),
-            (second, first, config.further, config.further_numbers),
-        ):
-            numbers = dataclasses.replace(numbers, seed=seed)
-            run: Any = training.DialIterationRun(structure, numbers, checks, shifts=config.training)
-            rounds = structure.first_rounds + structure.updates / 200
-            cost = rounds * structure.states_per_update / 5
-            yield Job(name, training.train_dial_by_iteration, run, (begin,), cost)
+        numbers = dataclasses.replace(config.numbers, seed=seed)
+        checks = training.Checks(times=4, episodes=200)
+        run: Any = training.DialIterationRun(
+            config.structure, numbers, checks, shifts=config.training
+        )
+        cost = config.structure.updates / 10
+        yield Job(f"{TRAINED}/{seed}", training.train_dial_by_iteration, run, (START,), cost)
 
 
 @dataclass(frozen=True)
@@ -179,7 +162,7 @@ def jobs(config: Config) -> list[Job]:
     """Return the jobs: the dials, then the episodes of each shift; rules drive beside the first."""
     dials = list(trainings(config))
     seeds = driving.seeds_of_blocks(config.blocks, config.episodes)
-    names = [dial.name for dial in dials if not dial.name.startswith(BEGUN)]
+    names = [dial.name for dial in dials]
     driven = [(name, Driving, (name,)) for name in names] + [(ENSEMBLE, EnsembleDriving, names[1:])]
     return dials + [
         Job(_driven(name, shift), drive, kind(shift, config.angles, seeds), tuple(inputs), 30)
@@ -194,7 +177,7 @@ def _driven(driver: str, shift: str) -> str:
 def compute_tables(config: Config, context: Context) -> Findings:
     """Return every cell, and for each shift and angle the dials beside the best rule."""
     cells: list[Row] = []
-    drivers = [START, *(f"{TRAINED}/{seed}" for seed in config.seeds), ENSEMBLE]
+    drivers = [*(dial.name for dial in trainings(config)), ENSEMBLE]
     for shift, driver in itertools.product(config.shifts, drivers):
         cells += from_csv(context.work / _driven(driver, shift) / CELLS)
     compared = [

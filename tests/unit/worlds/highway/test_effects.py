@@ -122,6 +122,7 @@ def test_crude_drivers_cost_others_much(action):
         assert sums[collided, 0].mean() > 5 * sums[collided, 0].std() / collided.sum() ** 0.5
 
 
+@pytest.mark.two_cores
 def test_results_depend_on_neither_threads_nor_the_batch():
     alone = started("intersection", 1)
     together = Batch(Options(), 5, threads=2, effects=EffectOptions())
