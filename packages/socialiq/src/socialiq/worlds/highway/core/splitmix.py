@@ -1,4 +1,4 @@
-"""SplitMix64 (Steele, Lea and Flood 2014) as a hash: random numbers that depend on no order."""
+"""SplitMix64 (Steele, Lea and Flood 2014) as a hash: no random number depends on another."""
 
 import numpy as np
 
@@ -18,6 +18,6 @@ def hashed(word):
 
 
 @elementwise
-def following(words):
-    """Return SplitMix64's number after each word; of arrays, uint64."""
-    return hashed(words + GOLDEN)
+def following(state):
+    """Return SplitMix64's next number after each state, uint64."""
+    return hashed(state + GOLDEN)
