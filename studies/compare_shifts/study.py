@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.episodes import Episodes, episodes_of
-from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
+from socialiq.evaluation.road_training import CHUNK, ITERATION, ITERATION_NUMBERS
 from socialiq.learners import policy_iteration
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
@@ -40,8 +40,8 @@ CELLS = "cells.csv"
 OWN = f"{KNOWN},exit=own"
 """Front end of dials that are trained over shifts."""
 
-START, TRAINED, ENSEMBLE = "start", "randomised", "ensemble"
-"""Drivers: the shipped dial, dials that are trained over shifts, and the mean of these."""
+START, BEGUN, TRAINED, ENSEMBLE = "start", "begun", "randomised", "ensemble"
+"""The shipped dial, dials of the first and second stage over shifts, and the mean of the second."""
 
 OTHERS = ("late", "unseen-30", "noise-3")
 TRAINING = (
@@ -57,7 +57,17 @@ TRAINING = (
 STRUCTURE = dataclasses.replace(
     ITERATION, batch_size=1024, states_per_update=60, first_rounds=3, replay_capacity=600_000
 )
-"""Of the training, without the seed; it begins with a trained dial."""
+"""Of the first stage, which begins with the shipped dial; no seeds."""
+
+FURTHER = dataclasses.replace(
+    ITERATION,
+    updates=40_000,
+    states_per_update=150,
+    first_rounds=40,
+    replay_capacity=40 * CHUNK * 150,  # the first rounds fill it
+)
+FURTHER_NUMBERS = dataclasses.replace(ITERATION_NUMBERS, regression=0.4, exploration_fall=0.0)
+"""Of the second stage: a new network, fitted to labelled states of the first stage's dial."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,8 @@ class Config:
     start: str = "intersection-dial-clock/iterated.safetensors"
     structure: policy_iteration.DialIterationConfig = STRUCTURE
     numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
+    further: policy_iteration.DialIterationConfig = FURTHER
+    further_numbers: policy_iteration.IterationHyperparameters = FURTHER_NUMBERS
     training: tuple[str, ...] = TRAINING
     shifts: tuple[str, ...] = tuple(SHIFTS)
     angles: tuple[float, ...] = (0.0, 45.0, 75.0, 90.0)  # degrees
@@ -83,16 +95,19 @@ class Config:
 
 
 def trainings(config: Config) -> Iterator[Job]:
-    """Yield the jobs of the dials: the shipped one, then one for each training seed."""
+    """Yield the jobs of the dials: the shipped one, then two stages for each training seed."""
     yield Job(START, driving.copy_shipped, driving.Shipped(config.start))
+    checks = training.Checks(times=4, episodes=200)
     for seed in config.seeds:
-        numbers = dataclasses.replace(config.numbers, seed=seed)
-        checks = training.Checks(times=4, episodes=200)
-        run: Any = training.DialIterationRun(
-            config.structure, numbers, checks, shifts=config.training
-        )
-        cost = config.structure.updates / 10
-        yield Job(f"{TRAINED}/{seed}", training.train_dial_by_iteration, run, (START,), cost)
+        first, second = f"{BEGUN}/{seed}", f"{TRAINED}/{seed}"
+        for name, begin, structure, numbers in (
+            (first, START, config.structure, config.numbers),
+            (second, first, config.further, config.further_numbers),
+        ):
+            numbers = dataclasses.replace(numbers, seed=seed)
+            run: Any = training.DialIterationRun(structure, numbers, checks, shifts=config.training)
+            cost = structure.updates / 10
+            yield Job(name, training.train_dial_by_iteration, run, (begin,), cost)
 
 
 @dataclass(frozen=True)
@@ -162,7 +177,7 @@ def jobs(config: Config) -> list[Job]:
     """Return the jobs: the dials, then the episodes of each shift; rules drive beside the first."""
     dials = list(trainings(config))
     seeds = driving.seeds_of_blocks(config.blocks, config.episodes)
-    names = [dial.name for dial in dials]
+    names = [dial.name for dial in dials if not dial.name.startswith(BEGUN)]
     driven = [(name, Driving, (name,)) for name in names] + [(ENSEMBLE, EnsembleDriving, names[1:])]
     return dials + [
         Job(_driven(name, shift), drive, kind(shift, config.angles, seeds), tuple(inputs), 30)
@@ -177,7 +192,7 @@ def _driven(driver: str, shift: str) -> str:
 def compute_tables(config: Config, context: Context) -> Findings:
     """Return every cell, and for each shift and angle the dials beside the best rule."""
     cells: list[Row] = []
-    drivers = [*(dial.name for dial in trainings(config)), ENSEMBLE]
+    drivers = [START, *(f"{TRAINED}/{seed}" for seed in config.seeds), ENSEMBLE]
     for shift, driver in itertools.product(config.shifts, drivers):
         cells += from_csv(context.work / _driven(driver, shift) / CELLS)
     compared = [

@@ -258,7 +258,8 @@ def train_dial_by_iteration(
         return _mean_value(config.checks, dial, CHECK_ANGLES)
 
     if config.shifts:
-        method = config.structure, start, config.shifts, 3 * ENVIRONMENTS
+        whole = road.CHUNK * structure.states_per_update // options.decisions  # episodes of a call
+        method = config.structure, start, config.shifts, max(3 * ENVIRONMENTS, whole)
         start, structure, labeller = road.shifted(*method)
     elif config.agents > 1:
         fleet = make_fleet("intersection", config.agents, duration=DURATION)

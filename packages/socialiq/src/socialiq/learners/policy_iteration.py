@@ -12,6 +12,9 @@ trained policy needs none.
 Every episode has an angle. Its states are labelled by rollouts of the dial at this angle, and the
 network is fitted to the returns of both rewards, and then to their score. So neighbouring angles
 share what is learned.
+
+Where the first rounds of labels fill the ring they are the only ones: one step of policy iteration
+of the given dial, by a new network.
 """
 
 from __future__ import annotations
@@ -70,7 +73,12 @@ class DialIterationConfig(settings.DrawnAngles, settings.Network, settings.Repla
     """States that are labelled for each gradient step."""
     first_rounds: Count = 1
     """Rounds of labelling before the first update; a network that improves a given policy would
-    learn the few states of one round by heart."""
+    learn the few states of one round by heart. Where they fill the ring no other round follows, and
+    a new network improves a given policy."""
+
+    def labels_once(self, chunk: int) -> bool:
+        """Whether the first rounds fill the ring; a round is of `chunk` updates."""
+        return self.first_rounds * chunk * self.states_per_update >= self.replay_capacity
 
     def __post_init__(self) -> None:
         """Refuse names, sizes and angles that make no run."""
@@ -190,17 +198,17 @@ class DialIteration(Learner):
 
     Attributes:
         start: Network that every run begins with; None draws one from the run's seed.
-        start_sha256: Of its file, for the record.
+        start_sha256: Of the file of the dial that is improved, for the record; None: no dial.
     """
 
     start: Any = None
-    start_sha256: str = eqx.field(static=True, default="")
+    start_sha256: str | None = eqx.field(static=True, default=None)
 
     name: ClassVar[str] = "dial-policy-iteration"
 
     def record(self, hyperparameters: IterationHyperparameters) -> dict[str, Any]:
         """Return the record of one run, with the policy that it began with."""
-        begun = {"start": {"sha256": self.start_sha256}} if self.start is not None else {}
+        begun = {} if self.start_sha256 is None else {"start": {"sha256": self.start_sha256}}
         return super().record(hyperparameters) | begun
 
     def network(self, key: PRNGKeyArray) -> DialNetwork:
@@ -258,16 +266,25 @@ class DialIteration(Learner):
 
 
 class LabelCollector(BaseCollector):
-    """Fills each run's ring with states that its policy visits, labelled by its labeller."""
+    """Fills each run's ring with states that its policy visits, labelled by its labeller.
+
+    With `improved`, a dial, only before the first update and with states that this dial visits.
+    """
 
     def __init__(
         self,
         learner: DialIteration,
         hyperparameters: Sequence[IterationHyperparameters],
         labellers: Sequence[Labeller],
+        improved: DialPolicy | None = None,
     ) -> None:
         super().__init__([run.seed for run in hyperparameters])
         self._learner, self._numbers, self._labellers = learner, hyperparameters, labellers
+        self._improved = improved
+
+    def __call__(self, runs: Runs, done: int) -> Runs:
+        """Add the labelled states of a chunk, if it has any."""
+        return runs if done and self._improved is not None else super().__call__(runs, done)
 
     def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Labelled:
         """Return the labelled states of a chunk."""
@@ -277,7 +294,8 @@ class LabelCollector(BaseCollector):
     def _labelled(self, runs: Runs, run: int, done: int, rng: np.random.Generator) -> Labelled:
         static, n_actions = self._learner.static, self._learner.sizes[1]
         network = network_of(runs.state.target_network, run)
-        follow = greedy(kind_of_dial(static).of(network, 1.0, static.low, static.high, {}))
+        current = kind_of_dial(static).of(network, 1.0, static.low, static.high, {})
+        follow = greedy(self._improved or current)
         share = self._numbers[run].exploring(done / static.updates)
 
         def visit(observation: np.ndarray) -> np.ndarray:
@@ -355,7 +373,7 @@ def train(
     `evaluation.road_training.dial_labeller` makes those of the intersection. The angle of the
     hyperparameters is not used. `sizes` are the features of an observation without the angle, and
     the number of actions. `start` is the dial that every run improves, with the network of
-    `static`.
+    `static`; where the first rounds fill the ring, a new network improves it.
 
     Raises:
         UserError: If there is no run, not one labeller for each, or another first network.
@@ -365,7 +383,7 @@ def train(
         raise UserError(
             f"{len(hyperparameters)} runs and {len(labellers)} labellers: pass one for each"
         )
-    learner = DialIteration(static, sizes)
+    learner, improved = DialIteration(static, sizes), None
     if start is not None:
         network, fresh = start.network(), jax.eval_shape(learner.network, jax.random.key(0))
         shapes = [[leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (network, fresh)]
@@ -373,6 +391,8 @@ def train(
             raise UserError(
                 "the policy in `start` has another network: give its view, hidden and activation"
             )
-        learner = DialIteration(static, sizes, start=network, start_sha256=start.turned.sha256)
-    collector = LabelCollector(learner, hyperparameters, labellers)
-    return learner.train(hyperparameters, callbacks, chunk, collector, learner.start_sha256)
+        improved = start if static.labels_once(chunk) else None
+        first = network if improved is None else None
+        learner = DialIteration(static, sizes, start=first, start_sha256=start.turned.sha256)
+    collector = LabelCollector(learner, hyperparameters, labellers, improved)
+    return learner.train(hyperparameters, callbacks, chunk, collector, learner.start_sha256 or "")
