@@ -7,9 +7,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# XLA's older emitter of fused loops compiles in a third of the time. Read when XLA starts, so it
-# must be set before; processes that tests start inherit it.
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+# XLA's older emitter of fused loops compiles in a third of the time; without AVX-512, which not
+# every processor has, sums have one order on more of them. Read when XLA starts, so both must be
+# set before; processes that tests start inherit them.
+os.environ["XLA_FLAGS"] = (
+    f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false --xla_cpu_max_isa=AVX2"
+)
 # NumPy multiplies matrices alike on every processor. Read when NumPy is imported, which plugins of
 # pytest do: it holds in pytest's workers, and in the processes that tests start.
 os.environ["OPENBLAS_CORETYPE"] = "Haswell"

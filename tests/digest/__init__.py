@@ -5,19 +5,20 @@
 
 import os
 
-FUSION = "--xla_cpu_use_fusion_emitters=false"
+FLAGS = "--xla_cpu_use_fusion_emitters=false --xla_cpu_max_isa=AVX2"
 
 
 def set_environment() -> None:
     """Set what `tests/conftest.py` and the Makefile set, so that every way to run gives one hash.
 
     JAX and NumPy read these variables when they are imported, so this package must be imported
-    before them; NumPy then multiplies matrices alike on every processor;
-    under pytest `tests/conftest.py` and its fixtures set the same.
+    before them; NumPy then multiplies matrices alike on every processor, and XLA compiles without
+    AVX-512, which not every processor has. Under pytest `tests/conftest.py` and its fixtures set
+    the same.
     """
     flags = os.environ.get("XLA_FLAGS", "")
-    if FUSION not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} {FUSION}"
+    if FLAGS not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} {FLAGS}"
     for name, value in {
         "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
