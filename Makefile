@@ -6,7 +6,8 @@ DISTRIBUTIONS := $(wildcard packages/*/pyproject.toml)
 EDITABLE := $(patsubst %/pyproject.toml,--editable %,$(DISTRIBUTIONS))
 # One thread a library: the tests run side by side, and torch is slower with more.
 export OMP_NUM_THREADS := 1
-# The same of NumPy's matrices, whatever the processor: the digest of the tests compares digits.
+# The same of NumPy's functions and matrices, whatever the processor: the digest compares digits.
+export NPY_DISABLE_CPU_FEATURES := X86_V4 AVX512_ICL
 export OPENBLAS_CORETYPE := Haswell
 # What Python compiles stays on disk, or each of the hundreds of processes would compile it again.
 unexport PYTHONDONTWRITEBYTECODE

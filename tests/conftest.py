@@ -13,8 +13,11 @@ from typing import Any
 os.environ["XLA_FLAGS"] = (
     f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false --xla_cpu_max_isa=AVX2"
 )
-# NumPy multiplies matrices alike on every processor. Read when NumPy is imported, which plugins of
-# pytest do: it holds in pytest's workers, and in the processes that tests start.
+# XLA's number of threads, and with it the order of its sums: the same with one core and with many.
+os.environ["NPROC"] = "1"
+# NumPy computes alike on every processor. Read when NumPy is imported, which plugins of pytest do:
+# it holds in pytest's workers, and in the processes that tests start.
+os.environ["NPY_DISABLE_CPU_FEATURES"] = "X86_V4 AVX512_ICL"
 os.environ["OPENBLAS_CORETYPE"] = "Haswell"
 
 import jax

@@ -12,9 +12,9 @@ def set_environment() -> None:
     """Set what `tests/conftest.py` and the Makefile set, so that every way to run gives one hash.
 
     JAX and NumPy read these variables when they are imported, so this package must be imported
-    before them; NumPy then multiplies matrices alike on every processor, and XLA compiles without
-    AVX-512, which not every processor has. Under pytest `tests/conftest.py` and its fixtures set
-    the same.
+    before them; both then do without AVX-512, which not every processor has, and NumPy multiplies
+    matrices alike. NPROC is XLA's number of threads, on which the order of its sums depends. Under
+    pytest `tests/conftest.py` and its fixtures set the same.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if FLAGS not in flags:
@@ -23,6 +23,8 @@ def set_environment() -> None:
         "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+        "NPROC": "1",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL",
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_CORETYPE": "Haswell",
     }.items():
