@@ -40,7 +40,7 @@ CELLS = "cells.csv"
 OWN = f"{KNOWN},exit=own"
 """Front end of dials that are trained over shifts."""
 
-START, BEGUN, TRAINED, ENSEMBLE = "start", "begun", "randomised", "ensemble"
+START, FIRST_STAGE, TRAINED, ENSEMBLE = "start", "first-stage", "randomised", "ensemble"
 """The shipped dial, dials of the first and second stage over shifts, and the mean of the second."""
 
 OTHERS = ("late", "unseen-30", "noise-3")
@@ -57,7 +57,7 @@ TRAINING = (
 STRUCTURE = dataclasses.replace(
     ITERATION, batch_size=1024, states_per_update=60, first_rounds=3, replay_capacity=600_000
 )
-"""Of the first stage, which begins with the shipped dial; no seeds."""
+"""Of the first stage, which begins with the shipped dial, without the seed."""
 
 FURTHER = dataclasses.replace(
     ITERATION,
@@ -99,7 +99,7 @@ def trainings(config: Config) -> Iterator[Job]:
     yield Job(START, driving.copy_shipped, driving.Shipped(config.start))
     checks = training.Checks(times=4, episodes=200)
     for seed in config.seeds:
-        first, second = f"{BEGUN}/{seed}", f"{TRAINED}/{seed}"
+        first, second = f"{FIRST_STAGE}/{seed}", f"{TRAINED}/{seed}"
         for name, begin, structure, numbers in (
             (first, START, config.structure, config.numbers),
             (second, first, config.further, config.further_numbers),
@@ -177,7 +177,7 @@ def jobs(config: Config) -> list[Job]:
     """Return the jobs: the dials, then the episodes of each shift; rules drive beside the first."""
     dials = list(trainings(config))
     seeds = driving.seeds_of_blocks(config.blocks, config.episodes)
-    names = [dial.name for dial in dials if not dial.name.startswith(BEGUN)]
+    names = [dial.name for dial in dials if not dial.name.startswith(FIRST_STAGE)]
     driven = [(name, Driving, (name,)) for name in names] + [(ENSEMBLE, EnsembleDriving, names[1:])]
     return dials + [
         Job(_driven(name, shift), drive, kind(shift, config.angles, seeds), tuple(inputs), 30)

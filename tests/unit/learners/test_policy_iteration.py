@@ -96,25 +96,25 @@ def test_a_run_begins_with_the_dial_that_it_improves():
 
 
 def test_rounds_that_fill_the_ring_label_the_given_dial_alone(tmp_path):
-    """All labels are of the given dial, made before the first update; the network is a new one."""
+    """The given dial labels before the first update alone; a new network is trained."""
     made().save(tmp_path / "start.safetensors")
     start, calls = DialPolicy.load(tmp_path / "start.safetensors"), []
-    seen = np.column_stack([np.ones(90), np.linspace(0.0, 90.0, 90)]).astype(np.float32)
+    observations = np.column_stack([np.ones(90), np.linspace(0.0, 90.0, 90)]).astype(np.float32)
 
-    def noted(follow, visit, rng):
-        calls.append(follow(seen))
+    def recorded(follow, visit, rng):
+        calls.append(follow(observations))
         return choice(follow, visit, rng)
 
     once = dataclasses.replace(SMALL, first_rounds=2, replay_capacity=800)
     still = dataclasses.replace(NUMBERS, learning_rate=1e-9, final_learning_rate=1e-9)
-    trained = train(once, [still], [noted], (1, 3), chunk=100, start=start).policy(0)
-    wanted = [start.at(angle).predict(np.ones(1))[0] for angle in seen[:, 1].tolist()]
+    trained = train(once, [still], [recorded], (1, 3), chunk=100, start=start).policy(0)
+    wanted = [start.at(angle).predict(np.ones(1))[0] for angle in observations[:, 1].tolist()]
     assert [actions.tolist() for actions in calls] == [wanted, wanted]
     assert trained.turned.provenance["start"] == {"sha256": start.turned.sha256}
     drawn = train(once, [still], [choice], (1, 3), chunk=100).policy(0)
     np.testing.assert_allclose(trained.turned.weights[0], drawn.turned.weights[0], atol=1e-4)
     larger = dataclasses.replace(once, replay_capacity=801)
-    train(larger, [still], [noted], (1, 3), chunk=100, start=start)
+    train(larger, [still], [recorded], (1, 3), chunk=100, start=start)
     assert len(calls) == 2 + 2 + 5  # two first rounds, then one before each other chunk
 
 

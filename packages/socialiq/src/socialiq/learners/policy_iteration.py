@@ -13,8 +13,8 @@ Every episode has an angle. Its states are labelled by rollouts of the dial at t
 network is fitted to the returns of both rewards, and then to their score. So neighbouring angles
 share what is learned.
 
-Where the first rounds of labels fill the ring they are the only ones: one step of policy iteration
-of the given dial, by a new network.
+A run that improves a dial labels states once where the first rounds fill the ring: one step of
+policy iteration of that dial, by a new network.
 """
 
 from __future__ import annotations
@@ -74,11 +74,7 @@ class DialIterationConfig(settings.DrawnAngles, settings.Network, settings.Repla
     first_rounds: Count = 1
     """Rounds of labelling before the first update; a network that improves a given policy would
     learn the few states of one round by heart. Where they fill the ring no other round follows, and
-    a new network improves a given policy."""
-
-    def labels_once(self, chunk: int) -> bool:
-        """Whether the first rounds fill the ring; a round is of `chunk` updates."""
-        return self.first_rounds * chunk * self.states_per_update >= self.replay_capacity
+    a new network improves the given policy."""
 
     def __post_init__(self) -> None:
         """Refuse names, sizes and angles that make no run."""
@@ -268,7 +264,8 @@ class DialIteration(Learner):
 class LabelCollector(BaseCollector):
     """Fills each run's ring with states that its policy visits, labelled by its labeller.
 
-    With `improved`, a dial, only before the first update and with states that this dial visits.
+    Given `improved`, it labels states before the first update alone; that dial visits them, and the
+    rollouts follow it.
     """
 
     def __init__(
@@ -284,7 +281,9 @@ class LabelCollector(BaseCollector):
 
     def __call__(self, runs: Runs, done: int) -> Runs:
         """Add the labelled states of a chunk, if it has any."""
-        return runs if done and self._improved is not None else super().__call__(runs, done)
+        if done and self._improved is not None:
+            return runs
+        return super().__call__(runs, done)
 
     def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Labelled:
         """Return the labelled states of a chunk."""
@@ -391,7 +390,8 @@ def train(
             raise UserError(
                 "the policy in `start` has another network: give its view, hidden and activation"
             )
-        improved = start if static.labels_once(chunk) else None
+        labelled_first = static.first_rounds * chunk * static.states_per_update
+        improved = start if labelled_first >= static.replay_capacity else None
         first = network if improved is None else None
         learner = DialIteration(static, sizes, start=first, start_sha256=start.turned.sha256)
     collector = LabelCollector(learner, hyperparameters, labellers, improved)
