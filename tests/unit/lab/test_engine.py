@@ -115,6 +115,13 @@ def test_a_job_whose_process_is_killed_is_tried_again(quick, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_process_killed_in_a_write_leaves_no_part_of_the_file(quick, tmp_path):
+    job = Job("x", quick.die_in_a_write_at_first, quick.Config(7))
+    run_jobs([job], tmp_path, silent, processes=1)
+    assert {path.name for path in (tmp_path / "x").iterdir()} == {"tried", "value", "job.json"}
+
+
+@pytest.mark.slow
 def test_a_job_that_kills_its_process_again_and_again_is_named(quick, tmp_path):
     jobs = [
         Job("before", quick.add, quick.Config(1)),

@@ -23,7 +23,7 @@ import filelock
 
 from socialiq import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped, stop_requests
-from socialiq.storage import read_json, write_json
+from socialiq.storage import read_json, remove_cut_off_writes, write_json
 
 RECORD = "job.json"
 _BEGUN = "begun.json"
@@ -159,6 +159,7 @@ def _begun(job: Job, work: Path, fingerprint: str, call: str) -> Path:
         if target.exists() and hashes.get("fingerprint") != fingerprint:
             shutil.rmtree(target)
         target.mkdir(parents=True, exist_ok=True)
+        remove_cut_off_writes(target)
     except OSError as error:
         raise UserError(f"cannot write {target}: {error.strerror}; choose another place") from error
     again = call != "" and (hashes.get("fingerprint"), hashes.get("call")) == (fingerprint, call)

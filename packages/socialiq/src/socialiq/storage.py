@@ -27,6 +27,7 @@ from socialiq.outputs import check_ending, move_file
 from socialiq.reading import check_file, open_file, path_of, read_bytes
 
 _HEADER = "socialiq"
+_CUT_OFF = ".unfinished"  # ending of a file that is being written
 _MOST_JSON = 256 << 20
 _UNREADABLE = (safetensors.SafetensorError, OSError, ValueError, RecursionError)
 
@@ -43,7 +44,7 @@ def write_atomically(path: Path, content: bytes | str, replace: bool = True) -> 
     try:
         if replace and os.path.lexists(path) and not (path.is_file() or path.is_dir()):
             raise UserError(f"cannot write {path}: it is not a regular file; choose another place")
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, temporary = tempfile.mkstemp(_CUT_OFF, f".{path.name}.", path.parent)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
     try:
@@ -59,6 +60,12 @@ def write_atomically(path: Path, content: bytes | str, replace: bool = True) -> 
         raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
     finally:
         Path(temporary).unlink(missing_ok=True)
+
+
+def remove_cut_off_writes(folder: Path) -> None:
+    """Remove what killed processes had written of files; no other process may write there now."""
+    for path in folder.rglob(f".*{_CUT_OFF}"):
+        path.unlink()
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -239,10 +239,12 @@ def shifted(
 ) -> tuple[DialPolicy, policy_iteration.DialIterationConfig, policy_iteration.Labeller]:
     """Return first dial, structure and labeller of a run over several worlds of shifts.
 
-    Equal shares of the states are of each world; every episode draws one of its shifts, and drives
-    behind a front end that knows it. The clock tells the exit.
+    The worlds share the states, the first ones with one more where they don't divide. Every episode
+    draws one shift of its world, and drives behind a front end that knows it. The clock tells the
+    exit.
     """
-    clock, share = observes_time(start, Options()), structure.states_per_update // len(shifts)
+    clock = observes_time(start, Options())
+    share, more = divmod(structure.states_per_update, len(shifts))
     if not clock or share < 1:
         raise UserError(
             f"--shift needs a dial that observes the time, and at most "
@@ -251,10 +253,12 @@ def shifted(
     start = start.with_times(DECISIONS * len(EXITS))
     structure = policy_iteration.with_network_of(structure, start)
     worlds = [Intersection().shifted(text, f"{KNOWN},exit=own") for text in shifts]
-    of_each = dataclasses.replace(structure, states_per_update=share)
+    of_each = [
+        dataclasses.replace(structure, states_per_update=share + (number < more))
+        for number in range(len(worlds))
+    ]
     beside = max(environments // len(worlds), 1)
-    labellers = [dial_labeller(of_each, world, beside, clock) for world in worlds]
-    structure = dataclasses.replace(structure, states_per_update=share * len(worlds))
+    labellers = [dial_labeller(*own, beside, clock) for own in zip(of_each, worlds, strict=True)]
 
     def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
         labelled = [labeller(follow, visit, rng) for labeller in labellers]
