@@ -244,7 +244,7 @@ def shifted(
     exit.
     """
     clock = observes_time(start, Options())
-    share, more = divmod(structure.states_per_update, len(shifts))
+    share, remainder = divmod(structure.states_per_update, len(shifts))
     if not clock or share < 1:
         raise UserError(
             f"--shift needs a dial that observes the time, and at most "
@@ -253,12 +253,12 @@ def shifted(
     start = start.with_times(DECISIONS * len(EXITS))
     structure = policy_iteration.with_network_of(structure, start)
     worlds = [Intersection().shifted(text, f"{KNOWN},exit=own") for text in shifts]
-    of_each = [
-        dataclasses.replace(structure, states_per_update=share + (number < more))
-        for number in range(len(worlds))
-    ]
     beside = max(environments // len(worlds), 1)
-    labellers = [dial_labeller(*own, beside, clock) for own in zip(of_each, worlds, strict=True)]
+    labellers = []
+    for number, world in enumerate(worlds):
+        states = share + (number < remainder)
+        of_world = dataclasses.replace(structure, states_per_update=states)
+        labellers.append(dial_labeller(of_world, world, beside, clock))
 
     def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
         labelled = [labeller(follow, visit, rng) for labeller in labellers]
