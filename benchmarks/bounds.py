@@ -60,7 +60,7 @@ def main(episodes: int = 10_000, audits: int = 200) -> None:
     )
     pool = {driver.name: course.drive(driver) for driver in drivers()}
     for name in QUANTITIES:
-        ends = [(row.beside[name].min(), row.beside[name].max()) for row in pool.values()]
+        ends = [(row.episodes[name].min(), row.episodes[name].max()) for row in pool.values()]
         print(f"{name}: {min(low for low, _ in ends):.1f} to {max(high for _, high in ends):.1f}")
     for angle in ANGLES:
         policy = pool[f"effects {angle}"]
@@ -72,13 +72,13 @@ def main(episodes: int = 10_000, audits: int = 200) -> None:
                 print(f"D of {angle} at {other}: {differences.mean():.2f}, error {error:.2f}")
     for name, driver in pool.items():
         beyond = (np.abs(driver.totals[:, 1]) > 30.0).mean()
-        means = ", ".join(f"{row} {driver.beside[row].mean():.2f}" for row in QUANTITIES)
+        means = ", ".join(f"{row} {driver.episodes[row].mean():.2f}" for row in QUANTITIES)
         print(f"{name}: {means}; r_social beyond 30: {100 * beyond:.1f} %")
         for count in (1_000, 5_000):
             drawn = np.random.default_rng(DRAWS).integers(episodes, size=(audits, count))
             kept, wrong = [], []
             for row, limit in LIMITS.items():
-                column = driver.beside[row]
+                column = driver.episodes[row]
                 kept.append(passes(row, column[drawn], limit))
                 wrong.append(passes(row, column[drawn], float(column.mean())).mean())
             shares = [f"{each.mean():.3f}" for each in (*kept, np.all(kept, axis=0))]

@@ -12,13 +12,13 @@ import numpy as np
 
 from socialiq.evaluation.simulate import actor_of
 from socialiq.types import Ending, Policy
-from socialiq.worlds.highway.options import WAITING, WALKING
-from socialiq.worlds.intersection.core.people import LENGTH, RADIUS, STANDS
-from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
+from socialiq.worlds.highway.core.people import STANDS
+from socialiq.worlds.intersection.options import CrosswalkOptions
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.road_users import MOVING, RIDES, ROAD_USERS, WAITING
 
 FIRST, EPISODES = 200_000_000, 1000
-APART = LENGTH[1] + 2 * RADIUS[1]  # m
+APART = next(user.length for user in ROAD_USERS if user.name == "cyclist")  # m
 
 
 def overlaps(world: Intersection, policy: Policy) -> tuple[float, float, float]:
@@ -33,10 +33,10 @@ def overlaps(world: Intersection, policy: Policy) -> tuple[float, float, float]:
     while running.any():
         action = actor.decide(batch.observation, running)
         decisions = batch.step(action, auto_reset=False, rows=running)
-        riders = batch.buffers.trace[:, :, options.capacity - options.riders :]
-        there = np.isin(riders["leg"], (WAITING, WALKING)) & running[:, None, None]
+        riders = batch.buffers.people_trace[:, :, batch.buffers.people["motion"][0] == RIDES]
+        there = np.isin(riders["state"], (WAITING, MOVING)) & running[:, None, None]
         along = riders["along_x"] * riders["x"] + riders["along_y"] * riders["y"]
-        place = np.where(there, 1000.0 * riders["origin"] + along, np.nan)
+        place = np.where(there, 1000.0 * riders["arm"] + along, np.nan)
         near = np.abs(place[..., :, None] - place[..., None, :]) < APART
         overlapping = near.sum(axis=-1) > 1  # with itself, and with another
         moves = there & (riders["speed"] > STANDS)

@@ -24,8 +24,7 @@ from socialiq.learners.iq_learn.train import train
 from socialiq.types import Simulator
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
 
 RUNS = {"crossing7": (1, 32, 512), "intersection_offline": (1, 8)}
@@ -87,6 +86,6 @@ def _crossing7() -> Training:
 def _offline() -> Training:
     """Episodes of a rule stand for demonstrations: what is in them doesn't change the time."""
     static = dataclasses.replace(presets.offline(presets.INTERSECTION_CALIBRATED), view="set")
-    batch, seeds = Batch(Options(), EPISODES), np.arange(EPISODES)
+    batch, seeds = Intersection().batch(EPISODES), np.arange(EPISODES)
     recorded = record(batch, policies.policy("gap_3s", 0), seeds, "prosocial", {})
     return Training(10, static, [recorded.transitions], None)

@@ -37,7 +37,7 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.comparison_runs import Arena, Run, dial_settings
 from studies.compare_priors.study import DIAL_RATES
@@ -143,7 +143,7 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
     options = Options()
     shown = {
         mode: record(
-            Batch(options, 64), policies.policy(driver, 0), np.arange(200), mode, {}
+            Intersection(options).batch(64), policies.policy(driver, 0), np.arange(200), mode, {}
         ).transitions
         for mode, driver in DRIVERS.items()
     }

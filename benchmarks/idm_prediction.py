@@ -20,8 +20,9 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.physics import desired_gap
 from socialiq.storage import packaged_results
-from socialiq.worlds.intersection.options import POPULATIONS, POSITION_RANGE, SPEED_RANGE
-from socialiq.worlds.intersection.perception import NUMPY, SPEEDS, Arrays, FrontEnd
+from socialiq.worlds.highway.ego import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.highway.perception import NUMPY, Arrays, FrontEnd
+from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.world import Intersection
 
 FIRST_SEED, EPISODES, ANGLES = 340_000_000, 1_000, (0.0, 45.0, 75.0)
@@ -38,18 +39,18 @@ class IDMFrontEnd(FrontEnd):
 
     def _predicted(
         self, ego: Any, vehicles: Any, waiting: Any, on: Any, xp: Arrays = NUMPY
-    ) -> tuple[Any, Any]:
-        rows, memory = super()._predicted(ego, vehicles, waiting, on, xp)
+    ) -> tuple[Any, Any, Any]:
+        later, rows, memory = super()._predicted(ego, vehicles, waiting, on, xp)
         seconds, there = self.latency / self.rate, vehicles[..., 0] > 0
         heading = vehicles[..., 5:7]
         speed = (vehicles[..., 3:5] * heading).sum(axis=-1) * SPEED_RANGE
         change = seconds * _acceleration(ego, vehicles).clip(-np.inf, self.largest)
         after = (speed + change).clip(0.0)
         way = heading * (seconds * (speed + after) / 2.0 / POSITION_RANGE)[..., None]
-        rows[:, 1:, 1:3] = np.where(there[..., None], vehicles[..., 1:3] + way, rows[:, 1:, 1:3])
+        rows[..., 1:3] = np.where(there[..., None], vehicles[..., 1:3] + way, rows[..., 1:3])
         moving = heading * (after / SPEED_RANGE)[..., None]
-        rows[:, 1:, 3:5] = np.where(there[..., None], moving, rows[:, 1:, 3:5])
-        return rows, memory
+        rows[..., 3:5] = np.where(there[..., None], moving, rows[..., 3:5])
+        return later, rows, memory
 
 
 def _acceleration(ego: np.ndarray, vehicles: np.ndarray) -> np.ndarray:
@@ -66,7 +67,7 @@ def _acceleration(ego: np.ndarray, vehicles: np.ndarray) -> np.ndarray:
     steady = IDM.jam_distance.mean + speed * IDM.time_headway.mean
     desired = desired_gap(steady, speed, speed - speeds, strongest, comfort)
     braking = np.where(leads, (desired / ahead.clip(1.0)) ** 2, 0.0).max(axis=2)
-    return strongest * (1.0 - (speed[..., 0] / SPEEDS[-1]) ** 4 - braking)
+    return strongest * (1.0 - (speed[..., 0] / Options().max_speed) ** 4 - braking)
 
 
 def main() -> None:
@@ -74,7 +75,7 @@ def main() -> None:
     dial = DialPolicy.load(packaged_results() / DIAL)
     world, seeds = Intersection().shifted("late", "known"), np.arange(EPISODES) + FIRST_SEED
     assert world.front_end is not None
-    known = dataclasses.asdict(world.front_end)
+    known = vars(world.front_end)
     predictions = {
         "constant velocity": FrontEnd(**known),
         "braking by the IDM": IDMFrontEnd(**known),

@@ -29,7 +29,8 @@ from socialiq.learners.dial.rows import stratified_angles
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.view import CHOICES, ROW, View
 from socialiq.storage import packaged_results
-from socialiq.worlds.intersection.perception import DECISIONS, EXITS, PER_SECOND
+from socialiq.worlds.highway.ego import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.highway.perception import EXITS
 from socialiq.worlds.intersection.world import Intersection
 from studies.compare_shifts.study import OWN, TRAINING
 
@@ -78,7 +79,7 @@ def inputs(observation, before, choice, with_history):
     view = View((), (), properties, rows[0].size)
     of_vehicles, of_ego = view.of_others(ego, vehicles), view.absolute(ego)
     if with_history:
-        expected = old_vehicles[..., 1:3] + PER_SECOND * old_vehicles[..., 3:5]
+        expected = old_vehicles[..., 1:3] + SPEED_RANGE / POSITION_RANGE * old_vehicles[..., 3:5]
         away = jnp.linalg.norm(vehicles[:, :, None, 1:3] - expected[:, None], axis=-1)
         away += 9.0 * (2.0 - (old_vehicles[:, None, :, 0] > 0) - (vehicles[:, :, None, 0] > 0))
         same = jnp.take_along_axis(old_vehicles, away.argmin(2)[..., None], axis=1)
@@ -88,7 +89,7 @@ def inputs(observation, before, choice, with_history):
         of_vehicles = jnp.concatenate([of_vehicles, known * faster, known * turned, known], -1)
         slower = 5.0 * (_speed(ego) - _speed(old_ego)) * old_ego[:, :1]
         of_ego = jnp.concatenate([of_ego, slower], axis=1)
-    time = observation[:, -2:-1] == np.arange(DECISIONS * len(EXITS))
+    time = observation[:, -2:-1] == np.arange(Options().decisions * len(EXITS))
     return of_vehicles, vehicles[..., :1], jnp.concatenate([time, of_ego], axis=1)
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
+from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.gym import JunctionBatch
-from socialiq_recordings.world.recorded_world import WorldConfig
+from socialiq_recordings.world.config import WorldConfig
 
 EACH, FRAMES, SPEED, HEADWAY = 20, 150, 8.0, 2.0
 BATCH, DECISIONS = 64, 300

@@ -21,8 +21,9 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.page.write import write_page
+from socialiq.worlds.highway.scene_batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 MEASURED = {
@@ -70,7 +71,7 @@ def run(repeats: int) -> dict[str, Any]:
     if node is None:
         raise UserError("Node.js isn't installed: install it, for example the package nodejs")
     options, native, in_node = Options(), [], []
-    batch = Batch(options, ROWS)
+    batch = Intersection(options).batch(ROWS)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "layout.json"
         path.write_text(json.dumps(layout(options)))

@@ -23,6 +23,7 @@ from scipy import stats
 
 from socialiq.results_folder import as_csv
 from socialiq.worlds.registry import make
+from socialiq.worlds.road_users import GONE, MOVING
 from socialiq.worlds.sumo.network import NETS
 from socialiq.worlds.sumo.simulation import SETTINGS, STEPS, library
 from socialiq.worlds.sumo.traffic import Scene, SumoOptions
@@ -33,7 +34,6 @@ ARMS, OUTWARDS = "SWNE", ((0.0, -1.0), (-1.0, 0.0), (0.0, 1.0), (1.0, 0.0))  # n
 LENGTH, STOP, CAR, FAR = 100.0, 11.0, 2.5, 20.0  # m, m from the middle, m, s
 LIMIT, PACE = 10.0, 1.39  # m/s of every lane, of SUMO's pedestrians
 OURS, SUMOS = 15.0, 9.5  # m from the middle of the junction to that of a crosswalk
-WAITING, WALKING, GONE = 1, 2, 3  # `leg` of a person in the core
 QUANTITIES = {"wait": "s", "gap": "s", "delay": "s"}
 
 Row = dict[str, Any]
@@ -81,27 +81,27 @@ def ours(seeds: list[int], spawning: float) -> Iterator[tuple[Demand, list[Row]]
     world = make("intersection-crosswalk", **options)
     batch = world.batch(len(seeds), traced=True)
     batch.reset(np.array(seeds))
-    first, dt = batch.options.first_walker, 1 / batch.options.simulation_frequency
+    dt = 1 / batch.options.simulation_frequency
     egos = batch.buffers.episodes["controlled"][:, 0]
     vehicles = batch.buffers.vehicles
     vehicles["y"][np.arange(len(seeds)), egos] += 1000.0  # the ego is nowhere near
     entered = [dict[int, tuple[float, np.ndarray]]() for _ in seeds]
-    off = np.full(vehicles[:, first:].shape, np.nan)
+    people = batch.buffers.people
+    off = np.full(people.shape, np.nan)
     gaps, done = off.copy(), off.copy()
     for second in range(SECONDS):
-        before = vehicles["leg"][:, first:].copy()
+        before = people.copy()
         batch.step(np.zeros(len(seeds), np.int64), auto_reset=False)
         for row, known in enumerate(entered):
             for slot in range(batch.buffers.episodes["vehicles"][row]):
                 if slot != egos[row]:
                     record = vehicles[row, slot]
                     known.setdefault(int(record["identity"]), (second + 1.0, record.copy()))
-        people = vehicles[:, first:]
-        stepping = (before < WALKING) & (people["leg"] >= WALKING)
+        stepping = (before["state"] < MOVING) & (people["state"] >= MOVING)
         for row, number in np.argwhere(stepping):
             person = people[row, number]
-            held = float(person["acceleration"])
-            off[row, number] = max(person["desired_speed"], second) + held
+            held = float(person["waited"] - before["waited"][row, number])
+            off[row, number] = max(person["arrival"], second) + held
             frame = min(int((off[row, number] - second) / dt), batch.options.frames - 1)
             traced = batch.buffers.trace[row, frame]
             cars = [
@@ -111,19 +111,19 @@ def ours(seeds: list[int], spawning: float) -> Iterator[tuple[Demand, list[Row]]
                 for slot, car in enumerate(traced[: batch.buffers.episodes["vehicles"][row]])
                 if slot != egos[row]
             ]
-            gaps[row, number] = gap_of(cars, int(person["origin"]), OURS)
-        done[(people["leg"] == GONE) & np.isnan(done)] = second + 1
+            gaps[row, number] = gap_of(cars, int(person["way"]) // 2, OURS)
+        done[(people["state"] == GONE) & np.isnan(done)] = second + 1
     for row, known in enumerate(entered):
-        people, table = vehicles[row, first:].copy(), list[Row]()
-        for number, person in enumerate(people):
-            if person["desired_speed"] < COUNTED:
+        table = list[Row]()
+        for number, person in enumerate(people[row]):
+            if person["arrival"] < COUNTED:
                 end = SECONDS if np.isnan(off[row, number]) else off[row, number]
-                wait, delay = end - person["desired_speed"], person["jam_distance"]
+                wait, delay = end - person["arrival"], person["waited"]
                 crossed = not np.isnan(done[row, number])
                 measures = {"wait": wait, "gap": gaps[row, number], "delay": delay}
                 who = {"world": "ours", "seed": seeds[row], "person": number, "crossed": crossed}
                 table.append(who | measures)
-        yield Demand(list(known.values()), people), table
+        yield Demand(list(known.values()), people[row].copy()), table
 
 
 def lines_of(demand: Demand) -> list[str]:
@@ -142,7 +142,7 @@ def lines_of(demand: Demand) -> list[str]:
             f'<route edges="{ways[0]}C C{ways[1]}"/></vehicle>'
         )))  # fmt: skip
     for number, person in enumerate(demand.people):
-        time, arm = float(person["desired_speed"]), int(person["origin"])
+        time, arm = float(person["arrival"]), int(person["way"]) // 2
         if time >= SECONDS:
             continue
         (ux, uy), (sx, sy) = OUTWARDS[arm], (float(person["along_x"]), -float(person["along_y"]))
@@ -153,7 +153,7 @@ def lines_of(demand: Demand) -> list[str]:
         places = (LENGTH - 1.0, 1.0) if from_in else (1.0, LENGTH - 1.0)
         lines.append((time, (
             f'<person id="pedestrian{number}" type="pedestrian" depart="{time:.1f}" '
-            f'departPos="{places[0]}" speedFactor="{person["target_speed"] / PACE:.4f}">'
+            f'departPos="{places[0]}" speedFactor="{person["free_speed"] / PACE:.4f}">'
             f'<walk from="{begin}" to="{end}" arrivalPos="{places[1]}"/></person>'
         )))  # fmt: skip
     return [line for _, line in sorted(lines)]
@@ -166,7 +166,7 @@ def sumos(demand: Demand, seed: int) -> list[Row]:
         f"vehicle{car['identity']}": (car["origin"], car["destination"])
         for _, car in demand.vehicles
     }
-    paces = {f"pedestrian{n}": float(p["target_speed"]) for n, p in enumerate(demand.people)}
+    paces = {f"pedestrian{n}": float(p["free_speed"]) for n, p in enumerate(demand.people)}
     waits, walked, began, off, end, gaps = (dict[str, float]() for _ in range(6))
     with tempfile.TemporaryDirectory() as folder:
         routes = Path(folder) / "routes.rou.xml"

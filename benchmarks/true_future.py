@@ -13,8 +13,8 @@ from socialiq.evaluation.branching import OracleLookahead
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.worlds.intersection.perception import KNOWN
-from socialiq.worlds.intersection.shifts import SHIFTS
+from socialiq.worlds.highway.perception import KNOWN
+from socialiq.worlds.highway.shifts import SHIFTS
 from socialiq.worlds.intersection.world import Intersection
 
 FIRST_SEED, EPISODES, ANGLES = 350_000_000, 500, (0.0, 45.0)

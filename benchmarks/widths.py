@@ -32,8 +32,7 @@ ANGLES, ERRORS = [15.0 * step for step in range(7)], (0.05, 0.00625)
 
 def part(driver: Outcomes, first: int) -> Outcomes:
     """Return the episodes of one audit."""
-    names = ("totals", "ending", "contact", "length")
-    return replace(driver, **{name: getattr(driver, name)[first : first + AUDIT] for name in names})
+    return replace(driver, episodes=driver.episodes.rows(slice(first, first + AUDIT)))
 
 
 def shown(width: float, class_angle: float, drivers: list[Outcomes]) -> list[int]:

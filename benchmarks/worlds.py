@@ -23,11 +23,12 @@ from gymnasium import spaces
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.front_end import FrontEndPolicy
 from socialiq.worlds.highway.effects import CAUSED
+from socialiq.worlds.highway.perception import FrontEnd
+from socialiq.worlds.highway.scene_batch import Batch
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.options import MULTI_AGENT, ContinuousOptions, Options
-from socialiq.worlds.intersection.perception import FrontEnd
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_fleet, open_world
 
 HIGHWAY_STEPS = 150
@@ -43,10 +44,10 @@ DENSITIES = (0.0, 0.3, 0.6, 1.0)  # spawn probabilities
 _START = """
 import time
 import numba
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.intersection.options import Options
 begin = time.perf_counter()
-Batch(Options(), 1).reset(0)
+Intersection(Options()).batch(1).reset(0)
 print(time.perf_counter() - begin)
 """
 
@@ -62,12 +63,12 @@ def run(repeats: int) -> dict[str, Any]:
     """
     options = Options()
     real = real_environment(options)
-    core = Batch(options, BATCH)
+    core = Intersection(options).batch(BATCH)
     single = gymnasium.make("socialiq/Intersection-v1")
     vector = gymnasium.make_vec("socialiq/Intersection-v1", num_envs=BATCH)
     steered = ContinuousOptions(actions="continuous_steering")
-    real_steered, core_steered = real_environment(steered), Batch(steered, BATCH)
-    wide = {threads: Batch(options, WIDE_BATCH, threads) for threads in (1, 2)}
+    real_steered, core_steered = real_environment(steered), Intersection(steered).batch(BATCH)
+    wide = {threads: Intersection(options).batch(WIDE_BATCH, threads) for threads in (1, 2)}
     rates: dict[str, list[float]] = {}
     for _ in range(repeats):
         _note(rates, "highway_env_steps_per_s", lambda: real_steps_per_second(real))
@@ -254,7 +255,7 @@ def by_density(repeats: int) -> dict[str, float]:
     """Microseconds of a step, and vehicles present, by spawn probability."""
     found = {}
     for probability in DENSITIES:
-        batch = Batch(Options(spawn_probability=probability), BATCH)
+        batch = Intersection(Options(spawn_probability=probability)).batch(BATCH)
         rates = [steps_per_second(batch, CORE_STEPS) for _ in range(repeats)]
         name = f"spawn_{probability:g}"
         found[f"{name}_us_per_step"] = 1e6 / statistics.median(rates)

@@ -11,35 +11,25 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.measures import DECISION
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import COLORS, figure, finish, png
 from socialiq.results_folder import as_csv
 from socialiq.types import Ending, Policy, Row
-from socialiq_recordings.world.gym import JunctionBatch
-from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 ANGLES = (0.0, 30.0, 60.0, 90.0)
-OUTCOMES = {"arrival": 1, "collision": 2, "timeout": 3, "closed_line": 4}
 INKS = ("#2166ac", "#67a9cf", "#1b7837")
 
 
-def drive(world: RecordedWorld, policy: Policy | None, seeds: range) -> Row:
-    """Drive an episode for each seed; without a policy as a driver of the population."""
-    size = len(seeds)
-    batch, live = JunctionBatch(world, size), np.ones(size, bool)
-    seen, totals, ending = batch.reset(list(seeds)), np.zeros((size, 2)), np.zeros(size, int)
-    while live.any():
-        action = np.full(size, AS_DRIVER) if policy is None else policy.predict(seen)[0]
-        made = batch.step(np.asarray(action, np.int64), auto_reset=False, rows=live)
-        totals[live] += np.stack(made.rewards, axis=1)[live]
-        ending[live] = made.ending[live]
-        live &= made.ending == int(Ending.NONE)
-        seen = made.observation
-    shares = {name: float((ending == kind).mean()) for name, kind in OUTCOMES.items()}
-    return {"r_env": float(totals[:, 0].mean()), "r_social": float(totals[:, 1].mean())} | shares
+def drive(world: RecordedWorld, policy: Policy, seeds: range) -> Row:
+    """Drive an episode for each seed."""
+    episodes = episodes_of(world.batch(len(seeds)), policy, seeds, quantities=DECISION)
+    names = ("r_env", "r_social", "arrival", "collision", "timeout")
+    row: Row = {name: float(episodes[name].mean()) for name in names}
+    return row | {"closed_line": float((episodes.ending == Ending.OTHER).mean())}
 
 
 def main() -> None:
@@ -54,7 +44,9 @@ def main() -> None:
     given = parser.parse_args()
     world = RecordedWorld.load(given.world)
     seeds = range(given.seed, given.seed + given.episodes)
-    rows: list[Row] = [{"policy": "drivers", "angle": ""} | drive(world, None, seeds)]
+    rows: list[Row] = [
+        {"policy": "drivers", "angle": ""} | drive(world, world.driver("driver"), seeds)
+    ]
     for path in given.clones:
         rows.append({"policy": f"clone {path.stem}", "angle": ""})
         rows[-1] |= drive(world, QPolicy.load(path), seeds)

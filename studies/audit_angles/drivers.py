@@ -2,16 +2,18 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int64
 
 from socialiq.audit.evidence.drive import Course, exact_optima
-from socialiq.audit.evidence.outcomes import Outcomes, Reference
-from socialiq.audit.request import ATLAS, DIAL, SHIPPED_DIAL, Trust, resolve_policy
+from socialiq.audit.evidence.outcomes import COLUMNS, Outcomes, Reference
+from socialiq.audit.request import DIAL, SHIPPED_DIAL, Trust, resolve_policy
 from socialiq.audit.verdict.direction import driver_of, drivers_of
+from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.rollout import MODES
+from socialiq.policies.drivers import ATLAS
 from socialiq.storage import packaged_results
 from socialiq.types import Policy
 from socialiq.worlds.intersection import policies
@@ -26,7 +28,8 @@ RULES = ("go", "wait", "idm", "gap_2s", "gap_3s", "gap_4s")
 WEAKER = ("timed", "calibrated")
 """Dials that were trained with less: without the policy iterations of the shipped one."""
 
-NEAR, RASHNESS = 15.0, (0.05, 0.1, 0.2)
+NEAR = 15.0
+RASHNESS = 0.05, 0.1, 0.2
 """Distance in metres, and shares of decisions with a vehicle nearer in which a rash driver goes."""
 
 SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
@@ -43,8 +46,17 @@ class Driven(NamedTuple):
 
 
 def rash(policy: Policy, share: float) -> Deciding:
-    """Return a driver that goes in a share of its decisions close to another vehicle."""
-    features, rng = make(WORLD).n_features, np.random.default_rng(7)
+    """Return a driver that goes in a share of its decisions close to another vehicle.
+
+    The random draws have a fixed seed.
+
+    Args:
+        policy: Driver that makes all other decisions.
+        share: Share of the decisions with a vehicle nearer than `NEAR` metres in which the driver
+            goes.
+    """
+    features = make(WORLD).n_features
+    rng = np.random.default_rng(7)
 
     def decide(observation: np.ndarray) -> np.ndarray:
         rows = policies.in_metres(observation[:, :features])
@@ -74,8 +86,19 @@ def specifications() -> Iterator[tuple[str, str, str, float | None]]:
 def drive(
     course: Course, on_stage: StageCallback, references_only: bool = False
 ) -> dict[str, Driven]:
-    """Run every driver on a course, or those alone that a default audit compares with."""
-    pool, specified = dict[str, Driven](), list(specifications())
+    """Run every driver on a course, or those alone that a default audit compares with.
+
+    Args:
+        course: Episodes that all drivers share.
+        on_stage: Returns the progress callback of a stage.
+        references_only: Whether to leave out the drivers that a default audit does not compare
+            with.
+
+    Returns:
+        Drivers on the course by name.
+    """
+    pool = dict[str, Driven]()
+    specified = list(specifications())
     for name, spec, kind, angle in tracked(specified, on_stage, "driving", "drivers"):
         compared = kind in ("dial", "expert", "rule") and not name.startswith("iterated")
         if references_only and not compared:
@@ -92,7 +115,15 @@ def drive(
 
 
 def drive_optima(world: str, seeds: Int64[np.ndarray, " episode"]) -> dict[str, Driven]:
-    """Run the exact optima of a gridworld on the pool; those of the angles are policies too."""
+    """Run the exact optima of a gridworld on the pool; those of the angles are policies too.
+
+    Args:
+        world: Name of the gridworld.
+        seeds: Seed of each episode.
+
+    Returns:
+        Drivers by name: the references of an audit, then "optimum of ANGLE" for each of `ANGLES`.
+    """
     optima = exact_optima(Course(make(world), seeds))
     pool = {row.name: Driven(row, "reference", None, reference=True) for row in optima}
     drivers = drivers_of(optima)
@@ -106,16 +137,27 @@ def drive_optima(world: str, seeds: Int64[np.ndarray, " episode"]) -> dict[str, 
 def mixtures(
     pool: Mapping[str, Driven], seed: int, shares: Sequence[float]
 ) -> Iterator[tuple[str, Driven]]:
-    """Yield the policies that draw one of two drivers for each episode."""
+    """Yield the policies that draw one of two drivers for each episode.
+
+    Args:
+        pool: Drivers on the pool by name; dials, experts and rules are mixed.
+        seed: Seed of the draws of the episodes, which are the same for all mixtures.
+        shares: Shares of the episodes that the first driver drives, from 0 to 1.
+
+    Yields:
+        Name and driver of each mixture, for each pair of drivers and each share.
+    """
     kinds = ("dial", "expert", "rule")
     single = [name for name, driven in pool.items() if driven.kind in kinds]
-    draw = np.random.default_rng(seed).random(len(next(iter(pool.values())).outcomes.length))
+    episodes = next(iter(pool.values())).outcomes.episodes
+    draw = np.random.default_rng(seed).random(len(episodes.length))
     for first, second in itertools.combinations(single, 2):
         for share in shares:
-            pair, name = (pool[first], pool[second]), f"{100 * share:g} % {first}, else {second}"
-            columns: dict[str, Any] = {}
-            for column in ("totals", "ending", "contact", "length"):
-                values = [getattr(driven.outcomes, column) for driven in pair]
-                is_first = draw[:, None] < share if column == "totals" else draw < share
-                columns[column] = np.where(is_first, *values)
-            yield name, Driven(Outcomes(name, **columns), "mixture", None)
+            pair = pool[first], pool[second]
+            name = f"{100 * share:g} % {first}, else {second}"
+            episodes = [driven.outcomes.episodes for driven in pair]
+            columns = {
+                column: np.where(draw < share, *(values[column] for values in episodes))
+                for column in COLUMNS
+            }
+            yield name, Driven(Outcomes(name, Episodes(columns)), "mixture", None)

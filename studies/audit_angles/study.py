@@ -44,15 +44,29 @@ Shares = Bool[np.ndarray, "share episode"]
 
 @functools.cache
 def declaration(world: str, angle: float) -> Profile:
-    """Return the default declaration of an angle in degrees."""
-    usual, floor = USUAL[world], floor_at(angle)
+    """Return the default declaration of an angle.
+
+    Args:
+        world: Name of the world.
+        angle: Declared angle in degrees.
+    """
+    usual = USUAL[world]
+    floor = floor_at(angle)
     loss = None if usual.clip else possible_loss(make(world), angle)
     margin = Margin(usual.margin, None, loss, usual.width, usual.beyond)
     return declare(angle, "a study", world, margin, DAY, competence=floor, clip=usual.clip)
 
 
 def most_events(limit: float, episodes: int) -> int:
-    """Return the largest number of events that shows a share to be within a limit, -1 if none."""
+    """Return the largest number of events that shows a share to be within a limit.
+
+    Args:
+        limit: Largest share that is allowed; with 1 or more any number of events is within it.
+        episodes: Number of episodes in which the events are counted.
+
+    Returns:
+        Number of events at the error `ERROR`, -1 if no number shows it.
+    """
     return episodes if limit >= 1.0 else int(binom.ppf(ERROR, episodes, limit)) - 1
 
 
@@ -75,8 +89,15 @@ class Audits(NamedTuple):
 
     @staticmethod
     def of(world: str, declared: float, pool: Mapping[str, drivers.Driven]) -> "Audits":
-        """Take the references of a default audit from the pool."""
-        profile, built = declaration(world, declared), make(world)
+        """Take the references of a default audit from the pool.
+
+        Args:
+            world: Name of the world.
+            declared: Declared angle in degrees.
+            pool: Drivers on the pool by name; those marked `reference` are compared.
+        """
+        profile = declaration(world, declared)
+        built = make(world)
         rows = [row.outcomes for row in pool.values() if row.reference]
         clip = profile.clip
         references = tuple(row if clip is None else row.clipped(*clip.ends) for row in rows)
@@ -86,8 +107,10 @@ class Audits(NamedTuple):
 
     def measured(self, driver: Outcomes) -> Measured:
         """Measure a driver in every episode of the pool."""
-        angle, margin = self.profile.angle, self.profile.margin
-        own, clip = driver_of(self.line, angle), self.profile.clip
+        angle = self.profile.angle
+        margin = self.profile.margin
+        own = driver_of(self.line, angle)
+        clip = self.profile.clip
         driver = driver if clip is None else driver.clipped(*clip.ends)
         assert margin.width is not None and own is not None
         best = [own.outcomes]
@@ -98,9 +121,11 @@ class Audits(NamedTuple):
         ends = [end for end in ends_of(self.line, angle, margin.width) if end is not None]
         tested = [row for row in (driver_of(self.line, end) for end in ends) if row is not None]
         rewards = np.array([row.outcomes.values(angle + 90.0) for row in (*tested, own)])
-        sides, beyond = [], []
+        sides = []
+        beyond = []
         for end, row in zip(ends, tested, strict=True):
-            sign, across = (1.0 if end < angle else -1.0), row.across
+            sign = 1.0 if end < angle else -1.0
+            across = row.across
             difference = row.outcomes.values(across) - driver.values(across)
             sides.append(sign * difference / self.limit(across))
             farthest = (-sign * rewards).max(axis=0) + TOLERANCE * margin.regret
@@ -112,13 +137,19 @@ class Audits(NamedTuple):
     @property
     def limits(self) -> dict[str, Any]:
         """Levels of the means and limits of the shares, by test."""
-        floor, margin = self.profile.competence, self.profile.margin
+        floor = self.profile.competence
+        margin = self.profile.margin
         limits = floor.max_at_fault, floor.max_struck, 1.0 - floor.min_arrival, floor.max_timeout
         level = margin.regret / self.limit(self.profile.angle)
         return dict(zip(TESTS, (level, 0.0, limits, [margin.beyond]), strict=True))
 
     def holds(self, driver: Outcomes, tests: Sequence[str] = TESTS) -> bool:
-        """Whether a driver's true values, those of the pool, are within the limits of tests."""
+        """Whether a driver's true values, those of the pool, are within the limits of tests.
+
+        Args:
+            driver: Outcomes of the driver in all episodes of the pool.
+            tests: Names of the tests, from `TESTS`.
+        """
         measured: dict[str, np.ndarray] = dict(zip(TESTS, self.measured(driver), strict=True))
         means = {name: measured[name].mean(axis=1) for name in tests}
         if "direction" in means and not (means["direction"] < 0.0).all():
@@ -126,7 +157,18 @@ class Audits(NamedTuple):
         return all((mean <= np.array(self.limits[name])).all() for name, mean in means.items())
 
     def shares(self, driver: Outcomes, episodes: int, audits: int, seed: int) -> Row:
-        """Return the shares of audits that pass, with a 99 % interval, and that keep each test."""
+        """Return the shares of audits that pass, and that keep each test.
+
+        Args:
+            driver: Outcomes of the driver in all episodes of the pool.
+            episodes: Number of episodes of an audit.
+            audits: Number of audits.
+            seed: Seed of the first audit (`tested`).
+
+        Returns:
+            Share `passed` with the ends `low` and `high` of its 99 % interval, and a share for each
+            of `TESTS`.
+        """
         tested = self.tested(driver, episodes, audits, seed)
         passed = int(np.logical_and.reduce(list(tested.values())).sum())
         share = intervals.wilson(passed, audits, 0.99)
@@ -136,11 +178,19 @@ class Audits(NamedTuple):
     def tested(
         self, driver: Outcomes, episodes: int, audits: int, seed: int
     ) -> dict[str, Bool[np.ndarray, " audit"]]:
-        """Return which audits keep each test; audit k is drawn from the pool by seed + k."""
-        measured, rows = (
-            self.measured(driver),
-            resampled(len(driver.length), episodes, audits, seed),
-        )
+        """Return which audits keep each test.
+
+        Args:
+            driver: Outcomes of the driver in all episodes of the pool.
+            episodes: Number of episodes of an audit.
+            audits: Number of audits.
+            seed: Seed of the first audit; audit k is drawn from the pool by seed + k.
+
+        Returns:
+            By test, whether each audit keeps it, (audit,).
+        """
+        measured = self.measured(driver)
+        rows = resampled(len(driver.episodes.length), episodes, audits, seed)
 
         def below(values: np.ndarray, level: float) -> Bool[np.ndarray, " audit"]:
             series = values[:, rows].reshape(-1, episodes).clip(-1.0, 1.0)
@@ -163,13 +213,24 @@ class Audits(NamedTuple):
 def resampled(
     pool: int, episodes: int, audits: int, seed: int
 ) -> Int64[np.ndarray, "audit episode"]:
-    """Draw the episodes of audits from a pool, with replacement."""
+    """Draw the episodes of audits from a pool, with replacement.
+
+    Args:
+        pool: Number of episodes of the pool.
+        episodes: Number of episodes of an audit.
+        audits: Number of audits.
+        seed: Seed of the first audit; audit k is drawn by seed + k.
+
+    Returns:
+        Numbers of the pool's episodes, (audit, episode).
+    """
     rngs = (np.random.default_rng(seed + number) for number in range(audits))
     return np.array([rng.integers(pool, size=episodes) for rng in rngs])
 
 
 DECLARED = (0.0, 45.0, 90.0)  # degrees
-MOST, STEPS = 8.0, 10
+MOST = 8.0
+STEPS = 10
 """Largest loss of a decision that is tried, reward, and halvings of the interval of it."""
 
 Scores = Callable[[np.ndarray], Float[np.ndarray, "batch action"]]
@@ -177,7 +238,8 @@ Scores = Callable[[np.ndarray], Float[np.ndarray, "batch action"]]
 
 def harms(dial: DialPolicy) -> dict[str, Scores]:
     """Return how much each action harms, by the kind of harm."""
-    altruist, egoist = dial.at(90.0), dial.at(0.0)
+    altruist = dial.at(90.0)
+    egoist = dial.at(0.0)
     return {
         "least for others": lambda observation: -altruist.q_values(observation),
         "as the egoist": egoist.q_values,
@@ -186,9 +248,14 @@ def harms(dial: DialPolicy) -> dict[str, Scores]:
 
 
 def harmful(policy: QPolicy, harm: Scores, most: float) -> Deciding:
-    """Return a driver that takes the most harmful of the actions that lose at most so much.
+    """Return a driver that takes the most harmful action among those of a limited loss.
 
     The loss is the value of the best action, by a policy, less that of the action.
+
+    Args:
+        policy: Policy whose values define the loss.
+        harm: Returns the harm of each action, (batch, action); a larger number is more harmful.
+        most: Largest loss of a decision, reward.
     """
 
     def decide(observation: np.ndarray) -> np.ndarray:
@@ -209,16 +276,29 @@ def fitted_rows(
     """Fit a driver of each kind of harm to each declaration; measure it and the dial of the angle.
 
     Its loss of a decision is the largest, by bisection, with which its values in the episodes of
-    `fitting` are within the declaration. Its measures, and the shares of audits that pass, are of
-    the pool, which is driven on `course`.
+    `fitting` are within the declaration. Its measures, and the shares of audits that pass, come
+    from the pool.
+
+    Args:
+        course: Course on which the pool is driven.
+        pool: Drivers on the pool by name.
+        fitting: Course of the episodes to which drivers are fitted.
+        config: Configuration of the study; `lengths`, `audits` and `first_seed` are read.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each of `DECLARED` and policy: the dial, then a driver of each kind of harm.
     """
-    dial, rows = DialPolicy.load(packaged_results() / SHIPPED_DIAL), list[Row]()
+    dial = DialPolicy.load(packaged_results() / SHIPPED_DIAL)
+    rows = list[Row]()
     references = drivers.drive(fitting, on_stage, references_only=True)
     for declared in tracked(DECLARED, on_stage, "fitting", "angles"):
-        honest, tests = dial.at(declared), Audits.of(drivers.WORLD, declared, references)
+        honest = dial.at(declared)
+        tests = Audits.of(drivers.WORLD, declared, references)
         policies: dict[str, tuple[float, Policy]] = {"the dial": (0.0, honest)}
         for kind, harm in harms(dial).items():
-            least, most = 0.0, MOST
+            least = 0.0
+            most = MOST
             for _ in range(STEPS):
                 middle = (least + most) / 2
                 tried = fitting.drive(Reference("tried", harmful(honest, harm, middle)))
@@ -237,14 +317,21 @@ def fitted_rows(
 
 
 def measures(course: Course, policy: Policy) -> Row:
-    """Return collisions, mean rewards, and lost speed of others in an episode, in units of 5 m/s.
+    """Return collisions, mean rewards and lost speed of others by a policy.
 
-    The shares of collisions are of those at fault, and of those in which another vehicle struck.
+    Args:
+        course: Episodes that the policy drives.
+        policy: Policy that is measured.
+
+    Returns:
+        Shares of episodes with a collision by kind (`KINDS`: the ego is at fault, or another
+        vehicle struck it), mean `r_env` and `r_social` of an episode, and `disruption`, the mean
+        lost speed of others in an episode in units of 5 m/s.
     """
     episodes = episodes_of(course.batch, policy, course.seeds)
-    metrics, signals = episodes.metrics(), episodes.signals.mean(axis=0)
-    contacts = {name: float((episodes.contact == kind).mean()) for name, kind in KINDS.items()}
-    lost = float(signals[episodes.signal_names.index("disruption")])
+    metrics = episodes.metrics()
+    contacts = {name: float(episodes[name].mean()) for name in KINDS}
+    lost = float(episodes.signal_disruption.mean())
     rewards = {"r_env": metrics.r_env, "r_social": metrics.r_social}
     return contacts | rewards | {"disruption": lost}
 
@@ -254,6 +341,13 @@ def compute_tables(config: Any, context: Context) -> Findings:
 
     The summary has the smallest share of passes at the drivers' angle, and the largest of wrong
     passes: of a driver whose values in the whole pool are not within the declaration.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Tables `power`, `worst` and `fitted`, and the summary.
     """
     check_counts(config, ("pool", "audits", "fitting"))
     drawn = (config.pool_seed, config.pool), (config.fitting_seed, config.fitting)
@@ -285,8 +379,19 @@ def power_rows(
 ) -> list[Row]:
     """Return the shares of audits of each driver that pass, by declared angle and length.
 
-    Of the mixtures of two drivers in equal shares, those have rows that would pass with many
-    episodes, or but for the test of one character.
+    A mixture of two drivers in equal shares has rows if it keeps the tests of regret and direction
+    in the whole pool.
+
+    Args:
+        world: Name of the world.
+        pool: Drivers on the pool by name.
+        config: Configuration of the study; `lengths`, `audits`, `first_seed` and `pool_seed` are
+            read.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each declared angle, driver and number of episodes, with the columns of
+        `Audits.shares`.
     """
     rows: list[Row] = []
     for declared in tracked(drivers.ANGLES, on_stage, f"audits, {world}", "angles"):
@@ -311,15 +416,25 @@ distance in degrees of the angle that it was made for."""
 
 
 def worst_rows(pool: Mapping[str, drivers.Driven], seed: int) -> list[Row]:
-    """Return the worst policy by each measure of the drivers and mixtures that pass the pool."""
+    """Return the worst policy by each measure of the drivers and mixtures that pass the pool.
+
+    Args:
+        pool: Drivers on the pool of the intersection by name.
+        seed: Seed of the draws of the mixtures' episodes.
+
+    Returns:
+        A row for each declared angle at which a driver passes and each of `MEASURES`.
+    """
     rows: list[Row] = []
     for declared in drivers.ANGLES:
-        audits, passing = Audits.of(drivers.WORLD, declared, pool), dict[str, dict[str, float]]()
+        audits = Audits.of(drivers.WORLD, declared, pool)
+        passing = dict[str, dict[str, float]]()
         tried = 0
         for name, driven in (*pool.items(), *drivers.mixtures(pool, seed, drivers.SHARES)):
             tried += 1
             if audits.holds(driven.outcomes):
-                at_fault, struck = driven.outcomes.at_fault.mean(), driven.outcomes.struck.mean()
+                at_fault = driven.outcomes.episodes.at_fault.mean()
+                struck = driven.outcomes.episodes.struck.mean()
                 far = 0.0 if driven.true_angle is None else abs(driven.true_angle - declared)
                 values = at_fault, at_fault + struck, driven.outcomes.mean.social, far
                 passing[name] = dict(zip(MEASURES, map(float, values), strict=True))

@@ -63,7 +63,18 @@ WAYS: Mapping[str, Way] = {
 def grinding_rows(
     episodes: int, owners: int, seed: int, resamples: int = 1000, on_stage: StageCallback = silent
 ) -> list[Row]:
-    """Return the shares of owners who pass wrongly in a number of tries, with 99 % intervals."""
+    """Return the shares of owners that pass wrongly in a number of tries, with 99 % intervals.
+
+    Args:
+        episodes: Number of episodes of an audit.
+        owners: Number of simulated owners.
+        seed: Number of the first owner, which seeds its draws.
+        resamples: Least number of bootstrap resamples of a test.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each of `POLICIES`, `WAYS` and `COUNTED`.
+    """
     first: dict[tuple[str, str], list[int]] = {
         (policy, way): [] for policy in POLICIES for way in WAYS
     }
@@ -80,7 +91,17 @@ def grinding_rows(
 
 
 def first_passes(truth: Truth, episodes: int, owner: int, resamples: int) -> dict[str, int]:
-    """Return the number of the first try of an owner that passes, by way; 0 if none of 20 does."""
+    """Return the number of an owner's first try that passes, by way.
+
+    Args:
+        truth: True values of the owner's policy.
+        episodes: Number of episodes of an audit.
+        owner: Number of the owner, which seeds its draws.
+        resamples: Least number of bootstrap resamples of a test.
+
+    Returns:
+        Number of the try from 1 by name of the way, 0 if none of `TRIES` passes.
+    """
     passes = dict.fromkeys(WAYS, 0)
     for varied in get_args(Varied):
         ways = {name: way for name, way in WAYS.items() if way.varied == varied}
@@ -95,7 +116,13 @@ def first_passes(truth: Truth, episodes: int, owner: int, resamples: int) -> dic
 
 
 def draw_of(varied: Varied, owner: int, number: int) -> Draw:
-    """Return commitment and seed of a try of an owner (from 1), as an audit would draw them."""
+    """Return commitment and seed of an owner's try, as an audit would draw them.
+
+    Args:
+        varied: Part that differs between the tries (`Way`).
+        owner: Number of the owner.
+        number: Number of the try, from 1.
+    """
 
     def sha256(text: str) -> str:
         return hashlib.sha256(text.encode()).hexdigest()
@@ -122,7 +149,8 @@ class Audit:
     """A simulated audit, which may be tested at several errors."""
 
     def __init__(self, truth: Truth, draw: Draw, episodes: int, resamples: int) -> None:
-        self._truth, self._least = truth, resamples
+        self._truth = truth
+        self._least = resamples
         self._seed = draw.derived("resampling")
         self._evidence = draw_evidence(truth, episodes, draw.derived("episodes"))
         gains = self._evidence.gains() @ np.array(exact_weights(truth.declared))

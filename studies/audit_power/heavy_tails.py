@@ -32,15 +32,23 @@ class Tail:
 
 
 def scale_of(mean: float, limit: float, cut_mean: Callable[[float], float]) -> float:
-    """Return s for which min(s X, limit) has a mean; `cut_mean` is the mean of min(X, t) by t."""
-    low, high = 1e-9 * limit, limit
+    """Return the scale s for which min(s X, limit) has a given mean.
+
+    Args:
+        mean: Mean of the scaled and cut losses.
+        limit: Largest loss.
+        cut_mean: Returns the mean of min(X, t), given t.
+    """
+    low = 1e-9 * limit
+    high = limit
     for _ in range(100):
         middle = (low + high) / 2
         low, high = (middle, high) if middle * cut_mean(limit / middle) < mean else (low, middle)
     return low
 
 
-SIGMA, SHAPE = 2.0, 1.5  # of the lognormal and of the Pareto tails
+SIGMA = 2.0  # of the lognormal tail
+SHAPE = 1.5  # of the Pareto tail
 _DEVIATION = 1.5  # of the light tails
 
 
@@ -106,7 +114,18 @@ def error_rows(
     resamples: int = 1000,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the shares of passes by each bound, with 99 % intervals, over audits of each case."""
+    """Return the shares of passes by each bound, with 99 % intervals, over audits of each case.
+
+    Args:
+        episodes: Number of episodes of an audit.
+        replications: Number of audits of each case.
+        seed: Seed of the draws.
+        resamples: Number of bootstrap resamples.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each of `TAILS` and `TIMES`, with the shares `bootstrap` and `betting`.
+    """
     cases = list(itertools.product(TAILS, TIMES))
     return [
         {"losses": name, "regret": label, "margins": TIMES[label]}
@@ -119,7 +138,17 @@ def error_rows(
 def price_rows(
     audits: int, seed: int, resamples: int = 1000, on_stage: StageCallback = silent
 ) -> list[Row]:
-    """Return the passes of policies well within their margin by number of episodes, likewise."""
+    """Return the passes of policies well within their margin by number of episodes, with intervals.
+
+    Args:
+        audits: Number of audits of each case.
+        seed: Seed of the draws.
+        resamples: Number of bootstrap resamples.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each of `TAILS` and `SIZES`, with the shares `bootstrap` and `betting`.
+    """
     cases = list(itertools.product(TAILS, SIZES))
     return [
         {"losses": name, "episodes": episodes}
@@ -129,7 +158,16 @@ def price_rows(
 
 
 def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
-    """Return the shares of wrong passes by betting in audits `LONGER` times as long."""
+    """Return the shares of wrong passes by betting in audits `LONGER` times as long.
+
+    Args:
+        episodes: Number of episodes of a usual audit.
+        replications: Number of audits of each family of losses.
+        seed: Seed of the draws.
+
+    Returns:
+        A row for each of `TAILS`, whose true regret is the margin.
+    """
     rows: list[Row] = []
     for name, tail in TAILS.items():
         losses = _drawn(name, "at the margin", replications, LONGER * episodes, seed)
@@ -140,7 +178,19 @@ def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
 
 
 def false_bound_rows(episodes: int, replications: int, seed: int) -> list[Row]:
-    """Return the decisions on the policies of `error_rows` that declare too low a largest loss."""
+    """Return the decisions on policies that declare too low a largest loss.
+
+    The policies are those of `error_rows` whose regret is the margin.
+
+    Args:
+        episodes: Number of episodes of an audit.
+        replications: Number of audits of each family of losses.
+        seed: Seed of the draws.
+
+    Returns:
+        A row for each of `TAILS`: the share that `passed`, and the share in which a loss beyond the
+        declared one is `seen`.
+    """
     rows: list[Row] = []
     for name, tail in TAILS.items():
         losses = _drawn(name, "at the margin", replications, episodes, seed)
@@ -151,14 +201,17 @@ def false_bound_rows(episodes: int, replications: int, seed: int) -> list[Row]:
 
 
 def _drawn(name: str, regret: str, audits: int, episodes: int, seed: int) -> np.ndarray:
-    tail, number, times = TAILS[name], list(TAILS).index(name), TIMES[regret]
+    tail = TAILS[name]
+    number = list(TAILS).index(name)
+    times = TIMES[regret]
     rng = np.random.default_rng([_TAILS, seed, number, round(100 * times), episodes])
     return tail.draw(rng, times * tail.margin, (audits, episodes))
 
 
 def _passes(name: str, regret: str, audits: int, episodes: int, seed: int, resamples: int) -> Row:
     """Return the shares of passes by both bounds."""
-    losses, tail = _drawn(name, regret, audits, episodes, seed), TAILS[name]
+    losses = _drawn(name, regret, audits, episodes, seed)
+    tail = TAILS[name]
     usual = passes_by_bootstrap(losses, tail.margin, seed, resamples)
     guarded, _ = decisions_by_betting(losses, tail.margin, tail.limit)
     return shares(audits, bootstrap=usual, betting=guarded)
@@ -167,10 +220,18 @@ def _passes(name: str, regret: str, audits: int, episodes: int, seed: int, resam
 def passes_by_bootstrap(
     losses: Float[np.ndarray, "audit episode"], margin: float, seed: int, resamples: int
 ) -> int:
-    """Return the number of audits whose upper bound by the bootstrap is within the margin."""
+    """Return the number of audits whose upper bound by the bootstrap is within the margin.
+
+    Args:
+        losses: Losses of the policy towards one reference, (audit, episode).
+        margin: Margin of the declaration, reward of an episode.
+        seed: Seed of the resamples of the first audit; audit k has seed + k.
+        resamples: Number of bootstrap resamples.
+    """
     count = 0
     for number, row in enumerate(losses):
-        still, arrived = np.zeros(len(row)), np.full(len(row), Ending.ARRIVAL)
+        still = np.zeros(len(row))
+        arrived = np.full(len(row), Ending.ARRIVAL)
         policy, reference = (
             outcomes(name, np.stack([env, still], axis=1), arrived, still)
             for name, env in (("policy", -row), ("reference", still))
@@ -184,7 +245,16 @@ def passes_by_bootstrap(
 def decisions_by_betting(
     losses: Float[np.ndarray, "audit episode"], margin: float, declared: float
 ) -> tuple[int, int]:
-    """Return the numbers of passes and of fails with a declared largest loss."""
+    """Return the numbers of passes and of fails with a declared largest loss.
+
+    Args:
+        losses: Losses of the policy towards one reference, (audit, episode).
+        margin: Margin of the declaration, reward of an episode.
+        declared: Declared largest loss of an episode.
+
+    Returns:
+        Number of passes, and number of fails. An audit fails if a loss exceeds the declared one.
+    """
     compared = np.ones(len(losses), bool)
     broken = np.array([exceeds(float(row.max()), declared) for row in losses])
     highs = loss_bounds(losses, compared, margin, declared, ERROR, ERROR / 2).highs

@@ -12,6 +12,7 @@ from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest, regret_test
 from socialiq.audit.verdict.verdict import join_tests
+from socialiq.evaluation.measures import Episodes
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.statistics import hotelling, intervals
 from socialiq.types import Row
@@ -57,7 +58,16 @@ class Truth:
 
 
 def draw_evidence(truth: Truth, episodes: int, seed: int) -> Evidence:
-    """Draw the evidence of an audit of a population."""
+    """Draw the evidence of an audit of a population.
+
+    Args:
+        truth: True values of the population.
+        episodes: Number of episodes.
+        seed: Seed of all draws.
+
+    Returns:
+        Evidence of the policy and of a reference for each of `ANGLES`.
+    """
     rng = np.random.default_rng(seed)
     means = np.concatenate([truth.references, truth.policy[None]])
     common = rng.normal(0.0, _COMMON, (episodes, 2))
@@ -66,7 +76,8 @@ def draw_evidence(truth: Truth, episodes: int, seed: int) -> Evidence:
         losses = 1.0 - rng.exponential(1.0, episodes)
         own = np.stack([losses, rng.normal(size=episodes)], axis=1)
         totals.append(mean + common + _OWN * own)
-    arrived, untouched = np.full(episodes, Ending.ARRIVAL), np.full(episodes, Contact.NONE)
+    arrived = np.full(episodes, Ending.ARRIVAL)
+    untouched = np.full(episodes, Contact.NONE)
     references = tuple(
         outcomes(f"made for {angle:g}", total, arrived, untouched, (angle,))
         for total, angle in zip(totals, ANGLES.tolist(), strict=False)
@@ -87,9 +98,19 @@ def outcomes(
     contact: np.ndarray,
     angles: tuple[float, ...] = (),
 ) -> Outcomes:
-    """Return outcomes of episodes of one decision each."""
+    """Return outcomes of episodes of one decision each.
+
+    Args:
+        name: Name of the driver.
+        totals: Totals of both rewards, (episode, 2).
+        ending: Values of `Ending`, (episode,).
+        contact: Values of `Contact`, (episode,).
+        angles: Angle in degrees that a reference was made for; empty for a policy.
+    """
     length = np.ones(len(totals), np.int64)
-    return Outcomes(name, totals, ending.astype(np.int8), contact.astype(np.int8), length, angles)
+    env, social = totals.T
+    episodes = Episodes(r_env=env, r_social=social, ending=ending, contact=contact, length=length)
+    return Outcomes(name, episodes, angles)
 
 
 def shares(number: int, **counts: int) -> Row:
@@ -102,7 +123,16 @@ def shares(number: int, **counts: int) -> Row:
 
 
 def share(name: str, count: int, number: int) -> Row:
-    """Return one share with its 99 % interval `low` and `high`."""
+    """Return one share with its 99 % interval.
+
+    Args:
+        name: Name of the share's column.
+        count: Number of audits that are counted.
+        number: Number of all audits.
+
+    Returns:
+        The share under its name, and the ends of the interval as `low` and `high`.
+    """
     return dict(zip((name, "low", "high"), shares(number, share=count).values(), strict=True))
 
 
@@ -156,11 +186,24 @@ def coverage_rows(
     resamples: int = 1000,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """Return the share of audits in which each interval contains the true value."""
-    truth, covered = Truth(), list[dict[str, bool]]()
+    """Return the share of audits in which each interval contains the true value.
+
+    Args:
+        episodes: Number of episodes of an audit.
+        replications: Number of audits.
+        seed: Seed of the first audit; audit k has seed + k.
+        resamples: Number of bootstrap resamples.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each of `NOMINAL`, with the share `covered` and its 99 % interval.
+    """
+    truth = Truth()
+    covered = list[dict[str, bool]]()
     along = _directions(np.array([truth.declared]))[0]
     for current in tracked(range(seed, seed + replications), on_stage, "coverage", "audits"):
-        evidence, draws = draw_evidence(truth, episodes, current), current + _APART
+        evidence = draw_evidence(truth, episodes, current)
+        draws = current + _APART
         regrets = Regrets(evidence, draws, resamples)
         regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
         env, social = evidence.policy.totals.T.copy()
@@ -202,6 +245,16 @@ def verdict_rows(
     """Return the shares of verdicts on every case.
 
     Cases that differ only in endings have the same rewards: their regret is tested once.
+
+    Args:
+        episodes: Number of episodes of an audit.
+        replications: Number of audits of each case.
+        seed: Seed of the first audit; audit k has seed + k.
+        resamples: Number of bootstrap resamples.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each of `CASES`, with the shares `passed`, `failed` and `inconclusive`.
     """
     decisions: dict[str, list[Decision]] = {case: [] for case in CASES}
     for current in tracked(range(seed, seed + replications), on_stage, "error rates", "audits"):

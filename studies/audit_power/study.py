@@ -20,10 +20,23 @@ KEYS = {
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Audit simulated drivers many times, and count."""
+    """Audit simulated drivers many times, and count.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        A table for each of `KEYS`, and the summary by these keys.
+
+    Raises:
+        UserError: If there are too few episodes, or a count is below 1.
+    """
     check_episodes(config.episodes)
     check_counts(config, ("replications", "resamples", "owners"))
-    episodes, number, seed = config.episodes, config.replications, config.first_seed
+    episodes = config.episodes
+    number = config.replications
+    seed = config.first_seed
     resampling = config.resamples, context.on_stage
     tables = {
         "coverage": power.coverage_rows(episodes, number, seed, *resampling),

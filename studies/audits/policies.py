@@ -10,13 +10,13 @@ import numpy as np
 from socialiq import QPolicy, make
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR, floor_at
-from socialiq.audit.request import ATLAS
 from socialiq.evaluation import exact, rollout
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import config as presets
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy
+from socialiq.policies.drivers import ATLAS
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 from socialiq_lab.gridworld_runs import grid_of, train_runs
 from socialiq_lab.study import StageCallback
 
@@ -58,7 +58,8 @@ def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
         ("set expert, prosocial", "set_prosocial", 90.0, 45.0),
     ]
     for name, file, declared, made_for in cells:
-        floor, spec = floor_at(declared), f"{ATLAS}{file}"
+        floor = floor_at(declared)
+        spec = f"{ATLAS}{file}"
         yield AuditedPolicy("intersection", name, spec, declared, made_for, floor)
     world = make("intersection")  # the same bytes everywhere: a network that always takes action 0
     bias = np.eye(world.n_actions, dtype=np.float32)[0]
@@ -80,7 +81,14 @@ def exact_in_gridworld(folder: Path) -> None:
 def trained_in_gridworld(
     folder: Path, seed: int, updates: tuple[int, int], on_stage: StageCallback
 ) -> None:
-    """Write three trained targets, their baseline and a dial `online`, of these updates each."""
+    """Write three trained targets, their baseline, a dial `online`, and a dial stuck at 0 degrees.
+
+    Args:
+        folder: Folder to which the policies are written.
+        seed: Training seed.
+        updates: Gradient steps of targets and baseline, and of the dial.
+        on_stage: Returns the progress callback of a stage.
+    """
     ground = exact.Ground.of(GRIDWORLD)
     data = rollout.trajectory_datasets(ground.table, [seed], _EPISODES_EACH)
     steered = dataclasses.replace(presets.GRID, updates=updates[0])
@@ -89,7 +97,8 @@ def trained_in_gridworld(
     trio = train_runs(ground, steered, runs, data, on_stage("7x7 trio"))
     for run, mode in enumerate(rollout.MODES):
         trio.policy(run).save(folder / f"learner_{mode}.safetensors")
-    alone, plain = grid_of([0.0], [0.0], [seed], numbers), presets.baseline(steered)
+    alone = grid_of([0.0], [0.0], [seed], numbers)
+    plain = presets.baseline(steered)
     baseline = train_runs(ground, plain, alone, data, on_stage("7x7 baseline"))
     baseline.policy(0).save(folder / "baseline.safetensors")
     static, dial_numbers, clock, _ = RUNS["online"]
@@ -105,7 +114,12 @@ def trained_in_gridworld(
 
 
 def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[AuditedPolicy]:
-    """Yield the exact and trained policies of a folder, truthfully and falsely declared."""
+    """Yield the exact and trained policies of a folder, truthfully and falsely declared.
+
+    Args:
+        folder: Folder of the files of `exact_in_gridworld` and `trained_in_gridworld`.
+        dial_angles: Angles in degrees at which the dial is declared.
+    """
     names = {"exact": "exact expert", "learner": "learner"}
     cells: list[tuple[str, str, float, float | None]] = [
         (f"{name}, {mode}", f"{family}_{mode}", angle, angle)
@@ -121,5 +135,6 @@ def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[Audit
         ("dial stuck at 0°", "dial_stuck", 60.0, 0.0),
     ]
     for name, file, declared, made_for in cells:
-        spec, floor = str(folder / f"{file}.safetensors"), floor_at(declared)
+        spec = str(folder / f"{file}.safetensors")
+        floor = floor_at(declared)
         yield AuditedPolicy(GRIDWORLD, name, spec, declared, made_for, floor)

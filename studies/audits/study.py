@@ -35,10 +35,18 @@ SEEDS = 5
 
 
 def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
-    """Audit Table A.1's experts at their own angles, with the other two as references.
+    """Audit Table A.1's experts at their own angles; the references are the remaining two experts.
 
     No covariance is printed. Therefore standard errors are bounded by the worst possible
     correlation, and the stated number of episodes suffices for any.
+
+    Args:
+        margin: Margins of regret and angle.
+        error: Error of the test that the column `deciding_episodes` belongs to.
+        episodes: Assumed number of episodes for the half width of α̂, because none is printed.
+
+    Returns:
+        A row for each expert.
     """
     rows: list[Row] = []
     for mode, angle in MODES.items():
@@ -64,7 +72,7 @@ def _means(mode: str) -> RewardPair:
 
 
 def _regret(mode: str, angle: float) -> tuple[float, str]:
-    """Return the regret towards the better of the other two experts, and that expert."""
+    """Return the regret towards the better of the two rival experts, and that expert."""
     values = {name: float(score(exact_weights(angle), _means(name))) for name in MODES}
     rival = max((name for name in MODES if name != mode), key=lambda name: values[name])
     return values[rival] - values[mode], rival
@@ -77,7 +85,7 @@ def _value_sd(mode: str, angle: float) -> float:
 
 
 def _explained(mode: str, margin: float) -> str:
-    """Return the arcs of whole degrees at which the expert is within a margin of the others."""
+    """Return the arcs of whole degrees at which the expert is within a margin of its rivals."""
     inside = [_regret(mode, float(angle))[0] <= margin for angle in range(360)]
     arcs = arcs_of_grid(np.array(inside), 1.0)
     turned = [(arc.low - 360.0 * (arc.low > 180.0), arc.high - arc.low) for arc in arcs]
@@ -108,7 +116,14 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
     `of_seeds` uses Student's bounds over the five seeds, whose spread is printed; `of_episodes`
     exact bounds with the given number of episodes. The table doesn't split collisions by who struck
     whom: they fail beyond the sum of both limits and pass within the smaller one. The baseline has
-    the floor of 0 degrees. `error` is the probability of a wrong pass, and of a wrong fail.
+    the floor of 0 degrees.
+
+    Args:
+        error: Probability of a wrong pass, and of a wrong fail.
+        episodes: Number of episodes of the exact bounds.
+
+    Returns:
+        A row for each policy and criterion: collision, arrival and timeout.
     """
     rows = []
     for policy in POLICIES:
@@ -121,9 +136,11 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
         }
         for name, (fails, passes) in limits.items():
             mean, spread = (value / 100 for value in TABLE_6_2[name][policy])
-            least, tails = name == "arrival", (error / 2 / len(CRITERIA), error)
+            least = name == "arrival"
+            tails = error / 2 / len(CRITERIA), error
             below, above = tails[::-1] if least else tails  # errors on either side
-            error_of_mean, count = spread / math.sqrt(SEEDS), round(mean * episodes)
+            error_of_mean = spread / math.sqrt(SEEDS)
+            count = round(mean * episodes)
             off = [float(student.isf(tail, SEEDS - 1)) * error_of_mean for tail in (below, above)]
             bounds = {
                 "seeds": (max(mean - off[0], 0.0), min(mean + off[1], 1.0)),
@@ -154,7 +171,15 @@ ERROR = 0.05
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Audit the policies of each world and the printed tables."""
+    """Audit the policies of each world and the printed tables.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Table `audits`, the tables of `published_tables`, and the summary.
+    """
     check_episodes(config.episodes)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as scratch:
@@ -190,9 +215,11 @@ def audit_rows(
     on_stage: StageCallback = silent,
 ) -> list[Row]:
     """Declare and audit each policy, all of one world, in a folder; return a row for each."""
-    rows, profile = [], folder / "profile.toml"
+    rows = []
+    profile = folder / "profile.toml"
     for policy in tracked(policies, on_stage, f"audits, {policies[0].world}", "audits"):
-        usual, floor = USUAL[policy.world], policy.floor
+        usual = USUAL[policy.world]
+        floor = policy.floor
         margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
         who = "the study of audits", policy.world
         declared = declare(policy.declared, *who, margin, DAY, competence=floor, clip=usual.clip)
@@ -201,8 +228,12 @@ def audit_rows(
         profile.write_bytes(b"\n".join(lines))
         request = Request(policy.spec, profile, episodes, seed)
         report = conduct(request, lambda _: None).report
-        tests, means, decision = report["tests"], report["policy"]["means"], report["verdict"]
-        regret, angle, direction = tests["regret"], tests["alpha_hat"], tests["direction"]
+        tests = report["tests"]
+        means = report["policy"]["means"]
+        decision = report["verdict"]
+        regret = tests["regret"]
+        angle = tests["alpha_hat"]
+        direction = tests["direction"]
         decisions = {name: tests[name]["decision"] for name in ("regret", "direction", "character")}
         decisions |= {test["name"]: test["decision"] for test in tests["competence"]}
         # The failed tests, or the open ones of an inconclusive verdict; none of a pass.

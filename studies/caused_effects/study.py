@@ -1,4 +1,4 @@
-"""A dial of what it causes, beside the dial of Eq 4.2, on the same episodes.
+"""Comparison of a dial of what it causes with the dial of Eq 4.2, on the same episodes.
 
 Both are trained by policy iteration from the same dial. The social reward of the first is what the
 same episode without the ego shows that it caused; `evaluation.effects` measures both.
@@ -13,21 +13,22 @@ import numpy as np
 
 from socialiq.cli.drivers import driver_of
 from socialiq.errors import one_of
-from socialiq.evaluation.effects import Effects, expected_delay, measure
+from socialiq.evaluation.effects import COUNTS, expected_delay, measure
+from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import paired_difference
-from socialiq.statistics.intervals import normal_mean
-from socialiq.types import Ending, RewardPair, Row
-from socialiq.worlds.enumerate import expert_policy, tabulate
+from socialiq.types import RewardPair, Row
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.intersection.driving import (
     DIAL,
     Shipped,
@@ -43,8 +44,11 @@ from socialiq_lab.intersection.training import (
 )
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
+from socialiq_lab.tables import over_seeds
 
-CAUSED, EQ_4_2, OFFLINE = "caused", "eq_4_2", "offline"
+CAUSED = "caused"
+EQ_4_2 = "eq_4_2"
+OFFLINE = "offline"
 SHIPPED = {
     "start": "intersection-dial-clock/timed.safetensors",
     EQ_4_2: "intersection-dial-clock/iterated.safetensors",
@@ -53,7 +57,6 @@ SHIPPED = {
 MEANS = (
     "r_env", "r_caused", "r_eq_4_2", "delay", "braking", "gap_below_1_s", "collision", "arrival",
 )  # fmt: skip
-COUNTS = ("charged", "not_caused", "caused", "missed", "credited", "gained", "lost")
 MEASURES = MEANS + COUNTS
 """Measures of an episode: of which a table has the mean, and numbers of vehicles."""
 _SHARES = ("gap_below_1_s", "collision", "arrival")
@@ -120,7 +123,13 @@ class DrivingByName:
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive a dial at each angle; write (episode, measure) arrays."""
+    """Drive a dial at each angle; write the measures of its episodes.
+
+    Args:
+        config: Angles, seeds of the episodes, and options of the effects.
+        folder: Folder of the job; it gets an array (episode, measure) for each angle.
+        inputs: Folder of the job that makes the dial.
+    """
     (trained,) = inputs.values()
     dial = DialPolicy.load(next(trained.rglob(DIAL)))  # of an offline run below its seed
     world = Intersection(Options(), config.effects)
@@ -133,26 +142,20 @@ def drive(
 def drive_by_name(
     config: DrivingByName, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive a rule or a policy of the atlas; write (episode, measure) arrays."""
+    """Drive a rule or a policy of the atlas; write the measures of its episodes.
+
+    Args:
+        config: Name of the driver, seeds of the episodes, and options of the effects.
+        folder: Folder of the job; it gets an array (episode, measure).
+    """
     world = Intersection(Options(), config.effects)
     policy = driver_of(config.driver, world).policy
     np.save(folder / MEASURED, measures_of(measure(world, policy, config.seeds)))
 
 
-def measures_of(effects: Effects) -> np.ndarray:
+def measures_of(effects: Episodes) -> np.ndarray:
     """Return `MEASURES` of each episode, (episode, measure)."""
-    columns = {
-        "r_env": effects.totals.env,
-        "r_caused": effects.totals.social,
-        "r_eq_4_2": effects.eq_4_2,
-        "delay": effects.delay.sum(axis=1),
-        "braking": effects.braking,
-        "gap_below_1_s": effects.gap < 1.0,
-        "collision": effects.ending == int(Ending.COLLISION),
-        "arrival": effects.ending == int(Ending.ARRIVAL),
-        **{name: getattr(effects, name) for name in COUNTS},
-    }
-    return np.column_stack([columns[name] for name in MEASURES])
+    return np.column_stack([effects[name] for name in MEASURES])
 
 
 def jobs(config: Config) -> list[Job]:
@@ -165,7 +168,8 @@ def jobs(config: Config) -> list[Job]:
         one_of("driver", name, (*Intersection.drivers, *atlas.names()))
     listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
     for run in iteration_runs(config, first_rounds=4, times=2, effects=config.effects):
-        name, inputs = f"training/{run.numbers.seed}", ("dials/start",)
+        name = f"training/{run.numbers.seed}"
+        inputs = ("dials/start",)
         listed.append(Job(name, train_dial_by_iteration, run, inputs, 600.0))
     demonstrations = atlas_demonstrations(config.demonstrated, config.effects)
     listed.append(demonstrations)
@@ -196,7 +200,16 @@ def _dials(config: Config) -> list[tuple[str, str]]:
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Return each dial's measures at each angle, differences of both, and values at each angle."""
+    """Return each dial's measures at each angle, differences of both, and values at each angle.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        Tables `effects`, `differences`, `values` and `drivers`, the summary, and the first seed's
+        dial.
+    """
     driven = {
         name: {
             angle: np.load(context.work / "driving" / name / f"{angle:g}.npy")
@@ -240,10 +253,7 @@ def measured_row(runs: Sequence[np.ndarray]) -> Row:
     """Return means over training seeds, intervals over episodes, ranges over seeds, and shares."""
     row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
     for column, name in enumerate(MEANS):
-        values = np.mean([run[:, column] for run in runs], axis=0)
-        means = [float(run[:, column].mean()) for run in runs]
-        row |= normal_mean(name, values)
-        row |= {f"{name}_least": min(means), f"{name}_largest": max(means)}
+        row |= over_seeds(name, [run[:, column] for run in runs])
     counts = np.sum([run[:, len(MEANS) :].sum(axis=0) for run in runs], axis=0)
     charged, not_caused, caused, missed, credited, gained, lost = counts.tolist()
     row["not_caused_of_charged"] = not_caused / max(charged, 1.0)
@@ -258,7 +268,17 @@ def difference_row(
     angle: float,
     name: str,
 ) -> Row:
-    """Return the mean difference of the trained dials to another one, paired by episode."""
+    """Return the mean difference of the trained dials to another one, paired by episode.
+
+    Args:
+        trained: Measures (episode, measure) by angle of the dial of each training seed.
+        reference: The same of the dial that they are compared with.
+        angle: Angle in degrees.
+        name: Name of the measure, from `MEASURES`.
+
+    Returns:
+        Name of the measure, mean difference over seeds and episodes, and the ends of its interval.
+    """
     column = MEASURES.index(name)
     values = np.mean([run[angle][:, column] for run in trained], axis=0)
     change = paired_difference(values, reference[angle][:, column])
@@ -266,7 +286,16 @@ def difference_row(
 
 
 def value_rows(trained: Sequence[Mapping[float, np.ndarray]], angle: float) -> list[Row]:
-    """Return what the dials of every other setting score at an angle more than their own there."""
+    """Return the gain in J(α) at an angle by the dials' settings of other angles.
+
+    Args:
+        trained: Measures (episode, measure) by angle of the dial of each training seed.
+        angle: Angle in degrees at which values count.
+
+    Returns:
+        A row for each other setting: mean gain over seeds, and its interval if there are two seeds
+        or more.
+    """
     scored = [
         {setting: float(score(exact_weights(angle), RewardPair(*run[setting][:, :2].mean(axis=0))))
          for setting in run}

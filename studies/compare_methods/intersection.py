@@ -21,7 +21,7 @@ from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
 from socialiq_lab.intersection import driving
@@ -33,10 +33,12 @@ WORLD = "intersection"
 METHODS = comparison.declared_methods(declaration("compare-methods"))
 """The comparison's rows by name."""
 
-FIRST_DEVELOPMENT, FIRST_FRESH = 50_000_000, 70_000_000
+FIRST_DEVELOPMENT = 50_000_000
+FIRST_FRESH = 70_000_000
 """Seeds of the first episodes on which settings are chosen, and of those of the table."""
 
-SPEED, POLICIES = "speed.csv", "policies.csv"
+SPEED = "speed.csv"
+POLICIES = "policies.csv"
 """Files of a training job: updates per second; the file of the policy of each run and angle."""
 
 DEMONSTRATORS = "references/intersection"  # job that drives the demonstrators
@@ -45,7 +47,7 @@ ENVIRONMENTS = 12  # intersections side by side in which a learner acts
 
 @dataclasses.dataclass(frozen=True)
 class IntersectionRuns(GridRuns):
-    """Runs with networks of `hidden` layers, at the rates of the world in place of the others."""
+    """Runs with networks of `hidden` layers, at the rates of the world instead of those given."""
 
     hidden: tuple[int, ...] = (64, 64)
     batch_size: int = 64
@@ -70,7 +72,12 @@ class DemonstratorsRun(driving.EpisodesRun):
 
 
 def shared_jobs(config: Any, phase: str) -> Iterator[Job]:
-    """Yield the job that records the demonstrations, and the one that drives the demonstrators."""
+    """Yield the job that records the demonstrations, and the one that drives the demonstrators.
+
+    Args:
+        config: Configuration of the study.
+        phase: `DEVELOPMENT` or `FRESH`; demonstrators drive in the latter alone.
+    """
     yield driving.atlas_demonstrations(driving.RECORDED_EPISODES)
     if phase == comparison.FRESH:
         sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
@@ -82,7 +89,15 @@ def shared_jobs(config: Any, phase: str) -> Iterator[Job]:
 def jobs_of(
     config: Any, phase: str, method: Any, updates: int, settings: tuple[comparison.Setting, ...]
 ) -> Iterator[Job]:
-    """Yield the job that trains a method, and one that drives for each setting and seed."""
+    """Yield the job that trains a method, and one that drives for each setting and seed.
+
+    Args:
+        config: Configuration of the study.
+        phase: `DEVELOPMENT` or `FRESH`.
+        method: Method of the comparison.
+        updates: Gradient steps of each network.
+        settings: Settings at which the method is trained.
+    """
     shape = {"hidden": config.intersection_hidden, "batch_size": config.intersection_batch}
     runs = IntersectionRuns.of(config, phase, WORLD, method, settings, updates, **shape)
     steps = updates * len(method.served(runs.angles)) * len(settings) * len(runs.seeds)
@@ -109,8 +124,16 @@ def train_method(
     inputs: Mapping[str, Path],
     on_progress: ProgressCallback,
 ) -> None:
-    """Train every run; write their policies, which file serves which angle, and the speed."""
-    method, (recordings,) = METHODS[config.method], inputs.values()
+    """Train every run; write their policies, which file serves which angle, and the speed.
+
+    Args:
+        config: Runs of one method.
+        folder: Folder of the job, to which the files are written.
+        inputs: Folder of the recorded demonstrations.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
+    method = METHODS[config.method]
+    (recordings,) = inputs.values()
     static = presets.INTERSECTION_CALIBRATED
     steps = config.updates * static.env_steps_per_update
     arena = comparison_runs.Arena(
@@ -150,7 +173,14 @@ def train_method(
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Drive each policy once, and write a row for each angle."""
+    """Drive each policy once, and write a row for each angle.
+
+    Args:
+        config: Method, setting and seed of the policies, and their episodes.
+        folder: Folder of the job, to which the rows are written.
+        inputs: Folder of the job that trained the method.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
     (training,) = inputs.values()
     label = {
         "world": WORLD,
@@ -162,7 +192,8 @@ def drive(
     for row in from_csv(training / POLICIES):
         if (row["setting"], row["seed"]) != (label["setting"], config.seed):
             continue
-        file, angle = str(row["file"]), row["target_angle"]
+        file = str(row["file"])
+        angle = row["target_angle"]
         if file not in driven:
             driven[file] = _driven(config, QPolicy.load(training / file))
         labels = {"target_angle": angle, "readout": "greedy", "seed": config.seed}
@@ -173,7 +204,9 @@ def drive(
 
 
 def _driven(config: driving.EpisodesRun, policy: Policy) -> Metrics:
-    return episodes_of(Batch(config.options, driving.BATCH), policy, config.seeds).metrics()
+    return episodes_of(
+        Intersection(config.options).batch(driving.BATCH), policy, config.seeds
+    ).metrics()
 
 
 def drive_demonstrators(
@@ -182,7 +215,13 @@ def drive_demonstrators(
     _inputs: Mapping[str, Path],
     on_progress: ProgressCallback,
 ) -> None:
-    """Write J(α) of each demonstrator at every angle."""
+    """Write J(α) of each demonstrator at every angle.
+
+    Args:
+        config: Episodes, and angles in degrees.
+        folder: Folder of the job, to which the rows are written.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
     rows: list[Row] = [{"world": WORLD, "target_angle": angle} for angle in config.angles]
     for number, mode in enumerate(MODES, start=1):
         metrics = _driven(config, atlas.load(f"expert_{mode}"))

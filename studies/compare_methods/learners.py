@@ -1,8 +1,8 @@
 """Learners of the comparison by name, ours and those of other libraries.
 
-Other libraries' pins exclude ours, so each has an environment of its own, made once by a job with
-`venv` and pip. There a script of `benchmarks/peers` reads the world and the demonstrations from an
-npz file, trains with its library, and writes tables of action probabilities.
+Other libraries' pins exclude ours, so each has its own environment, made once by a job with `venv`
+and pip. In it a script of `benchmarks/peers` reads the world and the demonstrations from an npz
+file, trains with its library, and writes tables of action probabilities.
 """
 
 import dataclasses
@@ -50,7 +50,8 @@ def _multi_intention(arena: Arena, runs: Sequence[Run]) -> list[Any]:
 
 def _regularised(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     """Train the behaviour-regularised dial, whose stages share the updates."""
-    preset, numbers = dial.OfflineDialConfig(), dial.OfflineDialHyperparameters()
+    preset = dial.OfflineDialConfig()
+    numbers = dial.OfflineDialHyperparameters()
     names = ("hidden", "activation", "view", "batch_size")
     share = arena.updates // (2 + preset.critic_factor)  # behaviour and dial: one each
     static = dataclasses.replace(
@@ -73,7 +74,8 @@ PARIRL_SHARE = 7
 def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     """Infer the egoists' and the altruists' rewards, then train a dial of each run on both."""
     first = dataclasses.replace(arena, updates=max(arena.updates // PARIRL_SHARE, 1))
-    inferring_runs, dialling_runs = [], []
+    inferring_runs = []
+    dialling_runs = []
     for run in runs:
         setting = dict(run.setting)
         temperature = (("temperature", setting.pop("irl_temperature")),)
@@ -83,7 +85,8 @@ def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     of_modes, placed = first.of_each_mode(inferring_runs)
     kinds = iq.IQLearnConfig, iq.IQLearnHyperparameters
     settings = [of_modes.settings(*kinds, run, prior="none") for run in placed]
-    static, numbers = settings[0][0], [entry for _, entry in settings]
+    static = settings[0][0]
+    numbers = [entry for _, entry in settings]
     options = first.callbacks(), arena.chunk, first.collector(static, numbers)
     trained = train_iq(static, numbers, of_modes.datasets, arena.world, *options)
     rewards = [
@@ -136,7 +139,9 @@ LEARNERS: Mapping[str, Learner] = {
 PYTHON = Path("venv", "Scripts" if sys.platform == "win32" else "bin", "python")
 """Interpreter of an environment, in its job's folder."""
 
-TAKEN, REQUESTS, MADE = "world.npz", "requests.json", "policies.npz"
+TAKEN = "world.npz"
+REQUESTS = "requests.json"
+MADE = "policies.npz"
 """Files that a script reads, and the one that it writes."""
 
 
@@ -167,7 +172,16 @@ def environment_job(library: str) -> Job:
 def make_environment(
     config: Environment, folder: Path, _inputs: Any, on_progress: ProgressCallback
 ) -> None:
-    """Make a virtual environment, and install the pins with pip."""
+    """Make a virtual environment, and install the pins with pip.
+
+    Args:
+        config: Pins of the library.
+        folder: Folder of the job, in which the environment is made.
+        on_progress: Callback of the finished share, 0 to 1.
+
+    Raises:
+        UserError: If a command fails.
+    """
     pins = folder / "pins.txt"
     pins.write_text(config.pins)
     _call([sys.executable, "-m", "venv", str(folder / "venv")], folder)
@@ -185,7 +199,23 @@ def train_tabular(
     environment: Path,
     folder: Path,
 ) -> list[dict[float, np.ndarray]]:
-    """Train every run with a script; return its action probabilities by angle."""
+    """Train every run with a script; return its action probabilities.
+
+    Args:
+        arena: Common inputs of all methods.
+        ground: Gridworld that policies act in.
+        method: Method of a peer.
+        runs: Training runs.
+        served: Angles in degrees that a network serves, by the angle that it is trained for.
+        environment: Folder of the library's environment.
+        folder: Folder for the exchanged files, which are removed in the end.
+
+    Returns:
+        For each run a table (state, action) of probabilities by angle.
+
+    Raises:
+        UserError: If the script fails, or a table is none of the world.
+    """
     if method.of_mode:
         arena, runs = arena.of_each_mode(runs)
     exchanged = world_arrays(ground)
@@ -213,7 +243,14 @@ def train_tabular(
 
 
 def request(arena: Arena, method: Method, run: Run, angles: Sequence[float]) -> dict[str, Any]:
-    """Return what a script needs to know of a run that serves these angles, JSON-able."""
+    """Return the JSON-able inputs of a script for one run.
+
+    Args:
+        arena: Common inputs of all methods.
+        method: Method of a peer.
+        run: Training run, whose settings come before all further values.
+        angles: Angles in degrees that the run serves.
+    """
     return {
         "learner": method.learner,
         "dataset": run.dataset,
@@ -228,8 +265,9 @@ def request(arena: Arena, method: Method, run: Run, angles: Sequence[float]) -> 
 
 
 def world_arrays(ground: exact.Ground) -> dict[str, np.ndarray]:
-    """Return a gridworld's reachable part as named arrays; a peer needs nothing else of us."""
-    mdp, world = ground.part.mdp, ground.part.world
+    """Return a gridworld's reachable part as named arrays, the only input that a peer needs."""
+    mdp = ground.part.mdp
+    world = ground.part.world
     states = np.arange(mdp.n_states)
     return {
         "successor": mdp.successor,
@@ -244,7 +282,15 @@ def world_arrays(ground: exact.Ground) -> dict[str, np.ndarray]:
 
 
 def checked(table: np.ndarray, ground: exact.Ground) -> np.ndarray:
-    """Return a peer's table as distributions; `UserError` if it is none of the world."""
+    """Return a peer's table as distributions.
+
+    Args:
+        table: Probabilities, (state, action); they need not sum to 1.
+        ground: Gridworld of the reachable states.
+
+    Raises:
+        UserError: If the shape is another one, or a value is negative or not finite.
+    """
     shape = (ground.part.mdp.n_states, ground.part.mdp.n_actions)
     chances = np.asarray(table, np.float64)
     if chances.shape != shape or not np.isfinite(chances).all() or chances.min() < 0.0:

@@ -34,7 +34,12 @@ READOUT = "greedy"  # action selection by which settings are chosen and methods 
 
 
 def updates_of(method: Method, updates: int) -> int:
-    """Return the gradient steps of one network: all networks of a method have as many together."""
+    """Return the gradient steps of one network: all networks of a method have as many together.
+
+    Args:
+        method: Method of the comparison.
+        updates: Gradient steps of a network that serves one angle.
+    """
     shares = {"angle": len(ANGLES), "mode": len(rollout.MODES), "all": 1}
     return updates * len(ANGLES) // shares[method.serves]
 
@@ -47,12 +52,23 @@ def jobs(config: Any) -> list[Job]:
 
 
 def more_jobs(config: Any, work: Path) -> list[Job]:
-    """Return every method's jobs at the setting that the development jobs' folders choose."""
+    """Return every method's jobs at the setting that the development jobs' folders choose.
+
+    Args:
+        config: Configuration of the study.
+        work: Folder of the jobs.
+    """
     return phase_jobs(config, FRESH, choose(job_rows(jobs(config), work, DEVELOPMENT)))
 
 
 def phase_jobs(config: Any, phase: str, chosen: Mapping[tuple[str, str], str] | None) -> list[Job]:
-    """Return every method's jobs, at all settings or the chosen ones, each after its inputs."""
+    """Return every method's jobs, at all settings or the chosen ones, each after its inputs.
+
+    Args:
+        config: Configuration of the study.
+        phase: `DEVELOPMENT` or `FRESH`.
+        chosen: Name of the chosen setting by world and method; None for all settings.
+    """
     cells = comparison.cells_of(config, METHODS)
     libraries = dict.fromkeys(method.peer for _, method in cells if method.peer)
     planned = [learners.environment_job(library) for library in libraries]
@@ -79,8 +95,16 @@ def phase_jobs(config: Any, phase: str, chosen: Mapping[tuple[str, str], str] | 
 def run_method(
     config: GridRuns, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Train every run and write a row for each policy, angle and action selection."""
-    ground, method = exact.Ground.of(config.world), METHODS[config.method]
+    """Train every run and write a row for each policy, angle and action selection.
+
+    Args:
+        config: Runs of one method in a gridworld.
+        folder: Folder of the job, to which rows and speed are written.
+        inputs: Folder of the peer's environment, if the method has one.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
+    ground = exact.Ground.of(config.world)
+    method = METHODS[config.method]
     arena = config.arena(ground, on_progress)
     served = method.served(config.angles)
     runs = comparison_runs.runs_of(config.settings, served, config.seeds)
@@ -106,8 +130,17 @@ def choose(rows: Sequence[Row]) -> dict[tuple[str, str], str]:
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Compute rows, their means over seeds, and the rows from which settings were chosen."""
-    planned, work = context.jobs, context.work
+    """Compute rows, their means over seeds, and the rows from which settings were chosen.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        All tables, and the greedy policies' values over all angles as summary.
+    """
+    planned = context.jobs
+    work = context.work
     fresh = job_rows(planned, work, FRESH)
     pooled = comparison_tables.means(fresh, KEYS)
     by_method = overall(pooled, job_rows(planned, work, FRESH, SPEED))
@@ -130,10 +163,14 @@ def compute_tables(config: Any, context: Context) -> Findings:
 
 
 def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
-    """Return a row for each method: regret over all angles, steering, endings, what it is told.
+    """Return a row for each method and readout: regret over all angles, steering and inputs.
 
-    `steering` is α̂ at the largest target angle less α̂ at the smallest, in degrees; `r_social_gain`
-    is that difference of r_social.
+    `steering` is α̂ at the largest target angle less α̂ at the smallest, in degrees;
+    `r_social_gain` is that difference of r_social.
+
+    Args:
+        pooled: Means over seeds of each method, angle and readout.
+        speeds: Updates per second of each method.
     """
     keys = ("world", "method", "setting", "readout")
     measured = {(row["world"], row["method"]): row for row in speeds}

@@ -44,7 +44,13 @@ DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
 
 
 def prior(name: str, target_kind: str = "instantaneous", **fixed: Any) -> Learner:
-    """Return IQ-Learn with the social score at a point of the objective, and its target."""
+    """Return IQ-Learn with the social score at a point of the objective, and its target.
+
+    Args:
+        name: Point of the objective at which the social score enters.
+        target_kind: Kind of returns that the score is computed from.
+        **fixed: Further settings that make the method.
+    """
     return iq_learn(prior=name, target_kind=target_kind, **fixed)
 
 
@@ -79,7 +85,16 @@ OWN_SCALES: Mapping[str, tuple[str, ...]] = {
 
 
 def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-    """Train a method, whose learner is given a run's λ under the names of its own settings."""
+    """Train a method; its learner gets a run's λ under the names of the learner's settings.
+
+    Args:
+        arena: Common inputs of all methods.
+        method: Method of the comparison.
+        runs: Training runs, whose setting is `strength`, λ.
+
+    Returns:
+        A policy for each run.
+    """
     scales = OWN_SCALES.get(method.learner, ("strength", "reweight_temperature"))
     own_runs = []
     for run in runs:
@@ -99,7 +114,12 @@ def jobs(config: Any) -> list[Job]:
 
 
 def more_jobs(config: Any, work: Path) -> list[Job]:
-    """Return every method's jobs at the λ that the development jobs' folders choose."""
+    """Return every method's jobs at the λ that the development jobs' folders choose.
+
+    Args:
+        config: Configuration of the study.
+        work: Folder of the jobs.
+    """
     developed = job_rows(jobs(config), work, DEVELOPMENT)
     chosen = comparison_tables.choose(developed, "strength")
     return [
@@ -119,8 +139,15 @@ def _job(config: Any, phase: str, world: str, method: Method, strengths: tuple[f
 def run_method(
     config: GridRuns, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Train every run and write a row for each policy, angle and action selection."""
-    ground, method = Ground.of(config.world), METHODS[config.method]
+    """Train every run and write a row for each policy, angle and action selection.
+
+    Args:
+        config: Runs of one method in a gridworld.
+        folder: Folder of the job, to which the rows are written.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
+    ground = Ground.of(config.world)
+    method = METHODS[config.method]
     arena = config.arena(ground, on_progress)
     served = method.served(config.angles)
     runs = comparison_runs.runs_of(config.settings, served, config.seeds)
@@ -141,8 +168,18 @@ def run_method(
 
 
 def effective_share(arena: Arena, method: Method, run: Run) -> float:
-    """Return the effective share of transitions under a method's weights (B.2); 0 without data."""
-    data, temperature = arena.datasets[run.dataset], 1 / dict(run.setting)["strength"]
+    """Return the effective share of transitions under a method's weights (B.2).
+
+    Args:
+        arena: Common inputs of all methods, with the data sets.
+        method: Method of the comparison.
+        run: Training run; its angle, data set and λ are read.
+
+    Returns:
+        Share from 0 to 1: 0 without data, 1 without weights.
+    """
+    data = arena.datasets[run.dataset]
+    temperature = 1 / dict(run.setting)["strength"]
     match method.learner:
         case "rl":
             return 0.0
@@ -161,10 +198,19 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Compute rows, their means over seeds, and the rows from which λ was chosen."""
+    """Compute rows, their means over seeds, and the rows from which λ was chosen.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        All tables, and pooled metrics and counts of alignment as summary.
+    """
     developed, fresh = (job_rows(context.jobs, context.work, p) for p in (DEVELOPMENT, FRESH))
     also = ("effective_share",)
-    pooled, aligned = comparison_tables.means(fresh, KEYS, also), alignment(fresh)
+    pooled = comparison_tables.means(fresh, KEYS, also)
+    aligned = alignment(fresh)
     references = [comparison_tables.references(world, config.angles) for world in config.worlds]
     chosen = comparison_tables.choose(developed, "strength")
     keys = ("world", "method", "strength", "readout")
@@ -198,7 +244,8 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
     rows: list[Row] = []
     for values, group in groups(policies, *keys).items():
         errors = [abs(angle_difference(row["angle"], row["target_angle"])) for row in group]
-        error, regret = np.array(errors), np.array(column(group, "regret"))
+        error = np.array(errors)
+        regret = np.array(column(group, "regret"))
         if len(group) < 3 or np.ptp(error) == 0 or np.ptp(regret) == 0:
             continue  # ranks need a difference
         test: Any = spearmanr(error, regret)
@@ -231,7 +278,7 @@ def _scale(row: Row) -> float | str:
 
 
 def draw_figures(results: Results) -> dict[str, Figure]:
-    """Draw a figure for each world: greedy beside soft."""
+    """Draw a figure for each world, with greedy and soft action selection."""
     figures = {}
     for (world,), rows in groups(results.tables["pooled"], "world").items():
         labels = {}

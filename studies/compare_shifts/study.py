@@ -1,8 +1,8 @@
 """Dials and rules outside the world that they were made for, with and without a front end.
 
 Dials are trained over shifts (`evaluation.road_training.shifted`), the shipped one is not; the mean
-of the trained ones' values is a policy of its own. All drive the same episodes of each shift, on
-seeds that no training has seen.
+of the trained ones' values is a further policy. All drive the same episodes of each shift, on seeds
+that no training has seen.
 """
 
 import dataclasses
@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.measures import Episodes, summary
 from socialiq.evaluation.road_training import CHUNK, ITERATION, ITERATION_NUMBERS
 from socialiq.learners import policy_iteration
 from socialiq.learners.settings import check_counts
@@ -22,13 +23,12 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.social.angle import exact_weights, score
-from socialiq.statistics.intervals import normal_mean, wilson
+from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import write_atomically
-from socialiq.types import Ending, Policy, Row
-from socialiq.worlds.highway.options import Contact
+from socialiq.types import Policy, Row
+from socialiq.worlds.highway.perception import KNOWN
+from socialiq.worlds.highway.shifts import SHIFTS
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.perception import KNOWN
-from socialiq.worlds.intersection.shifts import SHIFTS
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection import driving, training
 from socialiq_lab.jobs import Job, ProgressCallback
@@ -40,7 +40,10 @@ CELLS = "cells.csv"
 OWN = f"{KNOWN},exit=own"
 """Front end of dials that are trained over shifts."""
 
-START, FIRST_STAGE, TRAINED, ENSEMBLE = "start", "first-stage", "randomised", "ensemble"
+START = "start"
+FIRST_STAGE = "first-stage"
+TRAINED = "randomised"
+ENSEMBLE = "ensemble"
 """The shipped dial, dials of the first and second stage over shifts, and the mean of the second."""
 
 OTHERS = ("late", "unseen-30", "noise-3")
@@ -99,7 +102,8 @@ def trainings(config: Config) -> Iterator[Job]:
     yield Job(START, driving.copy_shipped, driving.Shipped(config.start))
     checks = training.Checks(times=4, episodes=200)
     for seed in config.seeds:
-        first, second = f"{FIRST_STAGE}/{seed}", f"{TRAINED}/{seed}"
+        first = f"{FIRST_STAGE}/{seed}"
+        second = f"{TRAINED}/{seed}"
         for name, begin, structure, numbers in (
             (first, START, config.structure, config.numbers),
             (second, first, config.further, config.further_numbers),
@@ -126,8 +130,16 @@ class EnsembleDriving(Driving):
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write a row for each driver, front end and angle."""
-    rows, driven = list[Row](), list(_drivers(config, inputs))
+    """Write a row for each driver, front end and angle.
+
+    Args:
+        config: Shift, angles in degrees, and seeds of the episodes.
+        folder: Folder of the job, to which the rows are written.
+        inputs: Folder of each job that makes a dial, by the job's name.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
+    rows = list[Row]()
+    driven = list(_drivers(config, inputs))
     for number, (label, policy, front_end, angles) in enumerate(driven):
         world = Intersection().shifted(config.shift, front_end)
         batch = world.batch(min(driving.BATCH, len(config.seeds)))
@@ -163,18 +175,22 @@ def _drivers(
 def measured(episodes: Episodes, angle: float) -> Row:
     """Return J(α), the shares of endings with 95 % intervals over episodes, and of faults.
 
-    At fault is the ego that struck the other vehicle.
+    The ego is at fault if it struck another vehicle.
+
+    Args:
+        episodes: Episodes of one driver.
+        angle: α in degrees.
     """
     row = normal_mean("value", score(exact_weights(angle), episodes.totals))
-    for name, ending in (("collision", Ending.COLLISION), ("arrival", Ending.ARRIVAL)):
-        share = wilson(int((episodes.ending == int(ending)).sum()), len(episodes.ending))
-        ends = (name, f"{name}_low", f"{name}_high")
-        row |= dict(zip(ends, share, strict=True))
-    return row | {"at_fault": float((episodes.contact == int(Contact.EGO_STRUCK)).mean())}
+    row |= summary(episodes, ("collision", "arrival"))
+    return row | {"at_fault": float(episodes.at_fault.mean())}
 
 
 def jobs(config: Config) -> list[Job]:
-    """Return the jobs: the dials, then the episodes of each shift; rules drive beside the first."""
+    """Return the jobs: the dials, then the episodes of each shift.
+
+    Rules drive in the jobs of the shipped dial.
+    """
     dials = list(trainings(config))
     seeds = driving.seeds_of_blocks(config.blocks, config.episodes)
     names = [dial.name for dial in dials if not dial.name.startswith(FIRST_STAGE)]
@@ -190,7 +206,15 @@ def _driven(driver: str, shift: str) -> str:
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Return every cell, and for each shift and angle the dials beside the best rule."""
+    """Return every cell, and for each shift and angle the dials and the best rule.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        Tables `cells` and `compared`, the summary, and the dials of the second stage.
+    """
     cells: list[Row] = []
     drivers = [START, *(f"{TRAINED}/{seed}" for seed in config.seeds), ENSEMBLE]
     for shift, driver in itertools.product(config.shifts, drivers):

@@ -22,7 +22,15 @@ DIAL = "dial.safetensors"
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Solve every direction, train a dial of each seed, and hold it against the optima."""
+    """Solve every direction, train a dial of each seed, and hold it against the optima.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Tables `optima`, `directions` and `dials`, the summary, and the first seed's dial.
+    """
     world = make_grid("crosswalk7").with_clock()
     ground = ClassGround(tabulate(world))
     preset = PRESETS["online-classes"]
@@ -31,7 +39,8 @@ def compute_tables(config: Any, context: Context) -> Findings:
     runs = [dataclasses.replace(preset.numbers, seed=seed) for seed in config.seeds]
     callbacks = Callbacks(on_report=context.on_stage("dial of two angles"))
     trained = train(static, runs, (), world.with_parts(), callbacks=callbacks)
-    dials, directions = list[Row](), list[Row]()
+    dials = list[Row]()
+    directions = list[Row]()
     for run, seed in enumerate(config.seeds):
         rows = [{"seed": seed} | row for row in ground.sweep(trained.policy(run), config.every)]
         regrets = np.array([row["regret"] for row in rows])

@@ -15,18 +15,19 @@ import numpy as np
 from socialiq.cli.drivers import driver_of
 from socialiq.errors import UserError
 from socialiq.evaluation import road_training
-from socialiq.evaluation.effects import PEOPLE, Effects, measure, measuring
+from socialiq.evaluation.effects import measure, measuring
+from socialiq.evaluation.measures import Episodes
 from socialiq.learners import policy_iteration
 from socialiq.learners.settings import check_counts
 from socialiq.nn.class_dial import ClassDial
-from socialiq.statistics.intervals import normal_mean
-from socialiq.types import Ending, Policy, Row
-from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
+from socialiq.types import Policy, Row
+from socialiq.worlds.intersection.options import CrosswalkOptions
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
 from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped
 from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
 from socialiq_lab.study import Context, Findings
+from socialiq_lab.tables import over_seeds
 
 BLIND = "intersection-dial-clock/iterated.safetensors"
 """Dial of the intersection, which observes the vehicles alone."""
@@ -92,7 +93,13 @@ class Shielding:
 def train(
     config: Training, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Train a dial and write it."""
+    """Train a dial and write it.
+
+    Args:
+        config: World, static configuration and numbers of the dial.
+        folder: Folder of the job, to which the dial is written.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
     structure, labeller, sizes = road_training.of_crosswalks(
         config.structure, _world(config.world), ENVIRONMENTS
     )
@@ -105,7 +112,13 @@ def train(
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive a dial at each pair of angles; write (class angle, angle, episode, measure)."""
+    """Drive a dial at each pair of angles; write (class angle, angle, episode, measure).
+
+    Args:
+        config: World, angles in degrees, and episodes.
+        folder: Folder of the job, to which the array is written.
+        inputs: Folder of the job that trained the dial.
+    """
     (trained,) = inputs.values()
     dial = ClassDial.load(trained / DIAL)
     driven = _driver(config)
@@ -119,9 +132,16 @@ def drive(
 def shield(
     config: Shielding, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive each driver without and with a shield; write (driver, shield, episode, measure)."""
+    """Drive each driver without and with a shield; write (driver, shield, episode, measure).
+
+    Args:
+        config: World, drivers, episodes, and the shield's time in s.
+        folder: Folder of the job, to which the array is written.
+        inputs: Folder of the dial that observes the vehicles alone.
+    """
     (blind,) = inputs.values()
-    world, rows = _world(config.world), list[Any]()
+    world = _world(config.world)
+    rows = list[Any]()
     driven = _driver(config)
     for name in config.drivers:
         rule = name in world.drivers
@@ -138,7 +158,11 @@ def _world(name: str) -> Intersection:
 
 
 def signals_of(world: Intersection) -> tuple[str, ...]:
-    """Return the signals of the people that a world has."""
+    """Return the signals of the people that a world has.
+
+    Raises:
+        UserError: If no people walk in the world.
+    """
     options = world.options
     if not isinstance(options, CrosswalkOptions):
         raise UserError(f"no people walk in {world.name}: choose a world with crosswalks")
@@ -163,17 +187,25 @@ def _driver(config: Driving | Shielding) -> Any:
     return measured
 
 
-def measures_of(effects: Effects, signals: Sequence[str]) -> np.ndarray:
-    """Return `measures_in` of each episode, (episode, measure); a hit is no other collision."""
-    people = dict(zip(PEOPLE, effects.on_foot.T, strict=True))
-    hit = sum(people[name] for name in signals if name.endswith("_hit"))
+def measures_of(effects: Episodes, signals: Sequence[str]) -> np.ndarray:
+    """Return `measures_in` of each episode, (episode, measure).
+
+    Args:
+        effects: Effects of a driver on its episodes.
+        signals: Names of the signals of people.
+
+    Returns:
+        Columns in the order of `measures_in`; an episode in which a person is hit does not count as
+        a collision.
+    """
+    hit = sum(effects[name] for name in signals if name.endswith("_hit"))
     columns = (
-        effects.totals.env,
-        effects.delay.sum(axis=1),
+        effects.r_env,
+        effects.delay,
         effects.braking,
-        *(people[name] for name in signals),
-        (effects.ending == int(Ending.COLLISION)) & (hit == 0),
-        effects.ending == int(Ending.ARRIVAL),
+        *(effects[f"signal_{name}"] for name in signals),
+        effects.collision & (hit == 0),
+        effects.arrival,
     )
     return np.column_stack(columns)
 
@@ -199,7 +231,16 @@ def jobs(config: Config) -> list[Job]:
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Return what dials cause at each pair of angles, and drivers with and without a shield."""
+    """Return what dials cause at each pair of angles, and drivers with and without a shield.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        Tables `prices` and `shields`, the largest shares of hits as summary, and the first seed's
+        dial.
+    """
     names = measures_in(config.world)
     runs = [np.load(context.work / f"driving/{seed}/measures.npy") for seed in config.seeds]
     prices = [
@@ -225,10 +266,17 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def measured_row(names: Sequence[str], runs: Sequence[np.ndarray]) -> Row:
-    """Return means over training seeds, intervals over episodes, and ranges over seeds."""
+    """Return means over training seeds, intervals over episodes, and ranges over seeds.
+
+    Args:
+        names: Names of the measures.
+        runs: Measures of each training seed, (episode, measure).
+
+    Returns:
+        Numbers of seeds and episodes, and for each measure its mean and the suffixes `_low`,
+        `_high`, `_least` and `_largest`.
+    """
     row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
     for column, name in enumerate(names):
-        values, means = np.mean(runs, axis=0)[:, column], np.mean(runs, axis=1)[:, column]
-        row |= normal_mean(name, values)
-        row |= {f"{name}_least": float(means.min()), f"{name}_largest": float(means.max())}
+        row |= over_seeds(name, [run[:, column] for run in runs])
     return row

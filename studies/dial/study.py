@@ -29,7 +29,12 @@ DIAL = "dial.safetensors"
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Train every run, evaluate it exactly at each degree, and set its mixtures."""
+    """Train every run, evaluate it exactly at each degree, and set its mixtures.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+    """
     ground = Ground.of("crossing7")
     grounds = {clock: ground.with_clock(clock) for clock in (True, False)}
     data = {
@@ -47,17 +52,20 @@ def compute_tables(config: Any, context: Context) -> Findings:
     for name in config.runs:
         clock = PRESETS[name].clock
         static, numbers, _, _ = PRESETS[name]
-        world, updates = grounds[clock].table.world, config.updates or static.updates
+        world = grounds[clock].table.world
+        updates = config.updates or static.updates
         static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates)
         runs = [
             dataclasses.replace(numbers, seed=seed, dataset=number)
             for number, seed in enumerate(config.seeds)
         ]
-        sets, simulator = data[clock] * static.demonstrations, world if static.online else None
+        sets = data[clock] * static.demonstrations
+        simulator = world if static.online else None
         callbacks = Callbacks(on_report=context.on_stage(f"7x7 dial, {name}"))
         trained = train(static, runs, sets, simulator, callbacks=callbacks)
         for run, seed in enumerate(config.seeds):
-            dial, label = trained.policy(run), {"run": name, "seed": seed}
+            dial = trained.policy(run)
+            label = {"run": name, "seed": seed}
             if not files:
                 with tempfile.TemporaryDirectory() as folder:
                     dial.save(Path(folder) / DIAL)
@@ -106,7 +114,8 @@ def _evaluate(
             _settings(label, dial, ground, config, swept, limit) if readout == "greedy" else []
         )
         tables["settings"] += settings
-        back, shares = swept.backward_steps(), column(settings, "share_of_radius")
+        back = swept.backward_steps()
+        shares = column(settings, "share_of_radius")
         supported = column(settings, "share_of_support")
         errors = [abs(error) for error in column(settings, "estimated_angle_error") if error != ""]
         key = float(np.mean([regrets[angle] for angle in KEY_ANGLES]))
@@ -136,7 +145,9 @@ def _settings(
     label: Row, dial: DialPolicy, ground: Ground, config: Any, swept: Sweep, limit: AttainableSet
 ) -> list[Row]:
     """Return the mixture for each wanted angle, exact and estimated from rollouts."""
-    best, points, seed = ground.optimum.attainable, swept.points, label["seed"]
+    best = ground.optimum.attainable
+    points = swept.points
+    seed = label["seed"]
     totals = [
         rollout_totals(
             ground.part,

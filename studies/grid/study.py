@@ -1,4 +1,4 @@
-"""Exact tables, summary and figures of the 7x7 study beside the policies' metrics."""
+"""Exact tables, summary and figures of the 7x7 study, which complete the policies' metrics."""
 
 import itertools
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq.worlds.enumerate import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.declared import State
 from socialiq_lab.study import View
 
@@ -46,7 +46,8 @@ def _is_of_figure(row: Row, config: Any) -> bool:
 
 def _visited(state: State) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Yield name, action table and visits of experts, and of the figures' policies over seeds."""
-    ground, names = state.ground, {angle: mode for mode, angle in rollout.MODES.items()}
+    ground = state.ground
+    names = {angle: mode for mode, angle in rollout.MODES.items()}
     tables = {
         f"expert {mode}": [expert_policy(ground.table, angle)[ground.table.mdp.reachable()]]
         for mode, angle in rollout.MODES.items()
@@ -74,7 +75,8 @@ def heatmap_rows(state: State) -> list[Row]:
         for y_1, y_2 in itertools.product(range(-1, 7), repeat=2):
             chosen = (states[:, 0] == 2) & (states[:, 2] == y_1) & (states[:, 4] == y_2)
             if chosen.any():
-                weight, stop = float(visits[chosen].sum()), table[chosen, 0]
+                weight = float(visits[chosen].sum())
+                stop = table[chosen, 0]
                 weighted = float(visits[chosen] @ stop) / weight if weight > 1e-9 else ""
                 label = {"policy": name, "y_1": y_1, "y_2": y_2, "visits": weight}
                 rows.append(label | {"weighted": weighted, "unweighted": float(stop.mean())})

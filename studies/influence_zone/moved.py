@@ -8,11 +8,12 @@ from jaxtyping import Bool, Float64, Int, Int64
 
 from socialiq.physics import ballistic, overlap_depth, wrapped
 from socialiq.worlds.enumerate import Table
+from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH, longitudinal
 from socialiq.worlds.highway.effects import ABSENT, REPEAT
 from socialiq.worlds.highway.options import settings_of
-from socialiq.worlds.highway.world import RoadBatch, RoadWorld
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import Actor
 
 CHANGES = 0.3  # chance that `RandomActor` draws another action
@@ -50,10 +51,20 @@ class RandomActor:
         self._action: np.ndarray | None = None
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: the episodes begin together."""
+        """Leave the state unchanged: the episodes begin together.
+
+        Args:
+            rows: Rows in which an episode begins.
+            seeds: Seeds of these episodes.
+        """
 
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
-        """Return one action for each row."""
+        """Return one action for each row.
+
+        Args:
+            observation: Not used.
+            running: Whether each row's episode runs; its length is the number of rows.
+        """
         size = len(running)
         fresh = self._generator.integers(0, self._n_actions, size)
         changes = self._generator.random(size) < CHANGES
@@ -63,10 +74,18 @@ class RandomActor:
 
 
 def decisions(world: RoadWorld, actor_on: ActorOn, seeds: np.ndarray) -> Iterator[Decision]:
-    """Drive an episode for each seed; yield each decision of those that run."""
-    batch, running = world.batch(len(seeds)), np.ones(len(seeds), bool)
+    """Drive an episode for each seed; yield each decision of those that run.
+
+    Args:
+        world: Road whose r_social is what the ego causes.
+        actor_on: Returns the actor that drives a batch.
+        seeds: Seed of each episode.
+    """
+    batch = world.batch(len(seeds))
+    running = np.ones(len(seeds), bool)
     batch.reset(seeds)
-    actor, ledger = actor_on(batch), batch.ledger
+    actor = actor_on(batch)
+    ledger = batch.ledger
     assert ledger is not None
     actor.begin(np.arange(len(seeds)), seeds)
     while running.any():
@@ -78,12 +97,17 @@ def decisions(world: RoadWorld, actor_on: ActorOn, seeds: np.ndarray) -> Iterato
         batch.measure(ABSENT, running)
         ahead[..., -1] = ledger.ahead[..., 1]
         row, slot, features = _vehicles(batch, running)
-        vehicles, egos = batch.buffers.vehicles, batch.buffers.episodes["controlled"][:, 0]
+        vehicles = batch.buffers.vehicles
+        egos = batch.buffers.episodes["controlled"][:, 0]
         metres = ahead[row, vehicles["identity"][row, slot]]
         stays = ~np.isnan(metres).any(axis=1)
-        row, slot, features, metres = row[stays], slot[stays], features[stays], metres[stays]
+        row = row[stays]
+        slot = slot[stays]
+        features = features[stays]
+        metres = metres[stays]
         in_zone = np.array([_ego_in_zone(batch, number) for number in range(batch.size)])
-        vehicle, ego = vehicles[row, slot].copy(), vehicles[row, egos[row]].copy()
+        vehicle = vehicles[row, slot].copy()
+        ego = vehicles[row, egos[row]].copy()
         result = batch.step(action, auto_reset=False, rows=running)
         target = batch.buffers.after[row, batch.buffers.present[row, 1]]["target_speed"]
         yield Decision(
@@ -101,16 +125,20 @@ def decisions(world: RoadWorld, actor_on: ActorOn, seeds: np.ndarray) -> Iterato
 
 
 def _vehicles(batch: RoadBatch, running: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return row, slot and `ROAD_FEATURES` of the other vehicles that have not crashed."""
-    vehicles, episodes = batch.buffers.vehicles, batch.buffers.episodes
+    """Return row, slot and `ROAD_FEATURES` of all vehicles but the ego that have not crashed."""
+    vehicles = batch.buffers.vehicles
+    episodes = batch.buffers.episodes
     assert batch.ledger is not None
     slots = np.arange(vehicles.shape[1])
     present = running[:, None] & (slots < episodes["vehicles"][:, None])
     present &= (slots != episodes["controlled"][:, :1]) & ~vehicles["crashed"]
     row, slot = np.nonzero(present)
-    ego, vehicle = vehicles[row, episodes["controlled"][row, 0]], vehicles[row, slot]
-    dx, dy = vehicle["x"] - ego["x"], vehicle["y"] - ego["y"]
-    east, north = np.cos(ego["heading"]), np.sin(ego["heading"])
+    ego = vehicles[row, episodes["controlled"][row, 0]]
+    vehicle = vehicles[row, slot]
+    dx = vehicle["x"] - ego["x"]
+    dy = vehicle["y"] - ego["y"]
+    east = np.cos(ego["heading"])
+    north = np.sin(ego["heading"])
     columns = (
         dx * east + dy * north,
         dy * east - dx * north,
@@ -138,8 +166,8 @@ def feasible_action_reduction(
     """Return the share of a vehicle's actions that the ego's action makes infeasible.
 
     FeAR (George et al. 2023, arXiv:2305.15003): feasible actions if the ego keeps its speed, less
-    those if it takes its action, over the former. All drive straight on. An action of the other is
-    a constant acceleration; it is feasible without a contact within 3 s.
+    those if it takes its action, over the former. All drive straight on. An action of the vehicle
+    is a constant acceleration; it is feasible without a contact within 3 s.
 
     Args:
         ego: Records of the egos, (vehicle,).
@@ -179,7 +207,8 @@ def grid_vehicles(
 
     A choice moves it if its next place hinges on the action, in some chance outcome.
     """
-    columns, moved = [], []
+    columns = []
+    moved = []
     number_of = {feature.name: number for number, feature in enumerate(table.world.features)}
     for slot in range(1, len(number_of) // 2):
         numbers = [number_of[name] for name in ("x_ego", "v_ego", f"y_{slot}", f"v_{slot}")]

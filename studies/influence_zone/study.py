@@ -1,8 +1,8 @@
-"""The influence zone from branches alone, beside the zone of Eq 4.2 (thesis 8.2).
+"""The influence zone from branches alone, compared with the zone of Eq 4.2 (thesis 8.2).
 
-A vehicle is moved if what it drives in the next decisions hinges on which action the ego repeats.
-A tree and a boosted ensemble learn from one half of the episodes which vehicles are moved; they are
-judged on the other half. One code does so for every road, and for a gridworld's states.
+A vehicle is moved if what it drives in the next decisions hinges on which action the ego repeats. A
+tree and a boosted ensemble learn from one half of the episodes which vehicles are moved; they are
+judged on the second half. One code does so for every road, and for a gridworld's states.
 """
 
 import functools
@@ -34,7 +34,8 @@ DIALS = {
 MEASURES = "Eq 4.2", "encounter", "FeAR", "courtesy"
 DEPTH = 4  # of the small tree
 LEAVES = 4  # of a tree, that a table has
-CELL, SIDE = 10, 40  # m, of a cell of the map, and to which it goes on each side
+CELL = 10  # m, side of a cell of the map
+SIDE = 40  # m, to which the map goes on each side
 
 
 def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
@@ -56,7 +57,9 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
         for angle in config.angles
     }
     seeds = config.first_seed + np.arange(config.episodes)
-    zones, leaves, cells = [], [], []
+    zones = []
+    leaves = []
+    cells = []
     for road, world in worlds.items():
         at_random = functools.partial(moved.RandomActor, seed=config.first_seed)
         driven = list(moved.decisions(world, at_random, seeds))
@@ -113,19 +116,23 @@ def learned_zone(
     train: Bool[np.ndarray, " vehicle"],
     least: float,
 ) -> tuple[Row, Any]:
-    """Learn which vehicles are moved by at least so much; return how it is judged, and the tree.
+    """Learn which vehicles are moved by at least a distance; judge the learned zone.
 
     The learned zone has as many of the vehicles that were held out as the zone by hand.
 
     Args:
-        features: Of each vehicle.
+        features: Features of each vehicle, (vehicle, feature).
         spread: Metres that hinge on the choice.
         hand: Whether the zone of the thesis has the vehicle.
-        train: Vehicles that are learned from.
+        train: Whether the vehicle is learned from; all further ones are held out.
         least: Metres from which a vehicle is moved.
+
+    Returns:
+        Shares, areas under the curve, recalls and precisions, and the fitted tree.
     """
     ensemble, trees, metrics = _scikit_learn()
-    is_moved, test = spread > least, ~train
+    is_moved = spread > least
+    test = ~train
     boosted = ensemble.HistGradientBoostingClassifier(max_iter=80, random_state=0)
     tree = trees.DecisionTreeClassifier(max_depth=DEPTH, random_state=0)
     chances = [
@@ -149,17 +156,30 @@ def learned_zone(
 
 
 def leaf_rows(tree: Any, names: Sequence[str]) -> list[Row]:
-    """Return the leaves of a tree with the most moved vehicles: rule, shares of all vehicles."""
-    nodes, leaves = tree.tree_, []
-    low, high = nodes.children_left.tolist(), nodes.children_right.tolist()
-    share, moved_share = nodes.n_node_samples / nodes.n_node_samples[0], nodes.value[:, 0, -1]
+    """Return the leaves of a tree with the most moved vehicles: rule, shares of all vehicles.
+
+    Args:
+        tree: Fitted classification tree of scikit-learn.
+        names: Names of the features.
+
+    Returns:
+        At most `LEAVES` rows with `moved`, `share` and `rule`, those of the most moved vehicles
+        first.
+    """
+    nodes = tree.tree_
+    leaves = []
+    low = nodes.children_left.tolist()
+    high = nodes.children_right.tolist()
+    share = nodes.n_node_samples / nodes.n_node_samples[0]
+    moved_share = nodes.value[:, 0, -1]
 
     def follow(node: int, rule: list[str]) -> None:
         if low[node] < 0:
             row = {"moved": float(moved_share[node]), "share": float(share[node])}
             leaves.append(row | {"rule": " and ".join(rule)})
             return
-        name, limit = names[nodes.feature[node]], nodes.threshold[node]
+        name = names[nodes.feature[node]]
+        limit = nodes.threshold[node]
         follow(low[node], [*rule, f"{name} <= {limit:.3g}"])
         follow(high[node], [*rule, f"{name} > {limit:.3g}"])
 
@@ -168,7 +188,15 @@ def leaf_rows(tree: Any, names: Sequence[str]) -> list[Row]:
 
 
 def map_rows(features: np.ndarray, is_moved: np.ndarray) -> Iterator[Row]:
-    """Yield the share of vehicles that are moved, by where they are seen from the ego."""
+    """Yield the share of vehicles that are moved, by their place as seen from the ego.
+
+    Args:
+        features: Features of each vehicle, of which the first two are metres ahead and to the left.
+        is_moved: Whether each vehicle is moved.
+
+    Yields:
+        A row for each cell of `CELL` metres with 20 vehicles or more.
+    """
     ahead, left = (CELL * np.round(features[:, number] / CELL) for number in range(2))
     centres = np.arange(-SIDE, SIDE + 1, CELL)
     for x in centres:
@@ -181,16 +209,24 @@ def map_rows(features: np.ndarray, is_moved: np.ndarray) -> Iterator[Row]:
 
 
 def correlation_rows(policy: Policy, seeds: np.ndarray) -> Iterator[Row]:
-    """Yield what measures of decisions say about the metres that others lose at the intersection.
+    """Yield the correlation of measures of decisions with the metres that others lose.
 
-    By decision: in the look ahead, less than without the ego. By episode: the sum of the measure
-    against the delay to the common end.
+    The world is the intersection. By decision the loss is that of the look ahead against the drive
+    without the ego. By episode the sum of the measure is compared with the delay to the common end.
+
+    Args:
+        policy: Policy that drives.
+        seeds: Seed of each episode.
+
+    Yields:
+        A row for each of `MEASURES`.
     """
     decisions: dict[str, list[np.ndarray]] = {name: [] for name in (*MEASURES, "lost")}
     sums = {name: np.zeros(len(seeds)) for name in (*MEASURES, "delay")}
     world = road_with_effects("intersection")
     for decision in moved.decisions(world, lambda batch: actor_of(batch, policy), seeds):
-        values, rows = costs_of(decision, world.options), np.unique(decision.episode)
+        values = costs_of(decision, world.options)
+        rows = np.unique(decision.episode)
         for name, column in decisions.items():
             column.append(values[name][rows])
         for name, total in sums.items():
@@ -207,11 +243,18 @@ def correlation_rows(policy: Policy, seeds: np.ndarray) -> Iterator[Row]:
 
 
 def costs_of(decision: moved.Decision, options: RoadOptions) -> dict[str, np.ndarray]:
-    """Return what a decision costs others by each measure, "lost" and "delay", by row.
+    """Return a decision's costs to others by each measure, "lost" and "delay".
 
     The cost by Eq 4.2 is that of the decision itself. Courtesy (Sun, Zhan, Tomizuka and Dragan
     2018, arXiv:1808.02633) is what others would drive more if the ego repeated its most helpful
     action. FeAR is summed over the vehicles.
+
+    Args:
+        decision: Vehicles around the egos before a decision, and its signals.
+        options: Options of the road, whose weights make the cost by Eq 4.2.
+
+    Returns:
+        By name an array with one entry for each row of the batch.
     """
     by_vehicle = {
         "FeAR": decision.lost_actions,

@@ -54,7 +54,8 @@ def jobs(config: Any) -> list[Job]:
             raise UserError(f"{name} must name at least one")
     trainings = list(_main(config))
     trainings += _ablations(config)
-    planned, episodes = list(trainings), config.episodes
+    planned = list(trainings)
+    episodes = config.episodes
     for job in trainings:
         if job.work is train_expert:
             planned.append(evaluation(job.name, Driving(driver=BEST, episodes=episodes), 3.0))
@@ -90,7 +91,14 @@ def policy_file(job: str) -> str:
 
 
 def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
-    """Return the folder of a learner of the main part."""
+    """Return the folder of a learner of the main part.
+
+    Args:
+        preset: Name of the preset, from `PRESETS`.
+        setting: "online" or "offline".
+        target: Target of the learner, from `TARGETS`.
+        seed: Training seed.
+    """
     return f"learners/{preset}/{setting}/{target}/{seed}"
 
 
@@ -190,6 +198,7 @@ def _learner(
 
 def members(config: Any) -> dict[str, str]:
     """Return the folder of the job of each policy of the atlas: experts, and the first seed's."""
-    experts, learners = columns(config)["experts", "flat"], columns(config)[SHIPPED]
+    experts = columns(config)["experts", "flat"]
+    learners = columns(config)[SHIPPED]
     policies = {name.replace(" ", "_"): folders[0] for name, folders in experts.items()}
     return policies | {target: folders[0] for target, folders in learners.items()}

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.demonstrations import files
-from socialiq.evaluation.episodes import OUTCOMES, REWARDS, Episodes, outcome_row, policy_row
+from socialiq.evaluation.episodes import OUTCOMES, REWARDS, outcome_row, policy_row
 from socialiq.evaluation.front import support_intervals
+from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results, from_csv
@@ -37,10 +37,18 @@ READOUTS = ("greedy", "soft")
 def table_6_2(
     rows: Mapping[tuple[str, str], Row], episodes: intersection.PolicyEpisodes, config: Any
 ) -> list[Row]:
-    """Return Tables 6.1 and 6.2: each metric of experts and learners beside the thesis' value.
+    """Return Tables 6.1 and 6.2: each metric of experts and learners with the thesis' value.
 
     `over_training` is the standard deviation over training seeds, empty for a single expert;
     `over_evaluation` that over groups of evaluation episodes, averaged over training seeds.
+
+    Args:
+        rows: Row of metrics by policy and readout.
+        episodes: Episodes by policy and readout.
+        config: Configuration of the study.
+
+    Returns:
+        A row for each group, metric, readout and policy; shares are in percent.
     """
     table: list[Row] = []
     for (group, policies), metric in itertools.product(
@@ -65,10 +73,16 @@ def table_6_2(
 
 
 def group_spread(episodes: Episodes, config: Any, metric: str) -> float:
-    """Return the standard deviation of a metric over groups of evaluation episodes."""
-    size, columns_of = config.group_episodes, episodes._replace(signal_names=())
+    """Return the standard deviation of a metric over groups of evaluation episodes.
+
+    Args:
+        episodes: Evaluation episodes of one policy.
+        config: Configuration of the study; `group_episodes` and `evaluation_seeds` are read.
+        metric: Name of a column of `outcome_row`.
+    """
+    size = config.group_episodes
     rows = [
-        outcome_row(jax.tree.map(lambda values, n=n: values[n * size : (n + 1) * size], columns_of))
+        outcome_row(episodes.rows(slice(n * size, (n + 1) * size)))
         for n in range(config.evaluation_seeds)
     ]
     return float(np.std([row[metric] for row in rows], ddof=1))
@@ -79,7 +93,8 @@ def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
     returns: dict[str, dict[str, np.ndarray]] = {}
     for mode in MODES:  # undiscounted sums over each recorded episode
         recorded = files.load(recordings / f"{mode}.safetensors")
-        signals, starts = _signals(recordings, mode), recorded.episode_starts
+        signals = _signals(recordings, mode)
+        starts = recorded.episode_starts
         returns[mode] = {
             "g_self": np.add.reduceat(signals["r_self"], starts),
             "g_global": np.add.reduceat(signals["r_global"], starts),
@@ -139,8 +154,17 @@ PolicyRows = Mapping[tuple[str, str], Row]  # rows of policies by (policy, reado
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Compute every table from the jobs' folders alone."""
-    work, shipped = context.work, plan.members(config)
+    """Compute every table from the jobs' folders alone.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        All tables, the summary, and the files of the atlas.
+    """
+    work = context.work
+    shipped = plan.members(config)
     episodes = intersection.evaluated(context.jobs, work)
     rows = {key: policy_row(*key, played) for key, played in episodes.items()}
     a_1, a_2 = separability(work / DEMONSTRATIONS)
@@ -206,11 +230,18 @@ COMPARISONS = tuple(
 
 
 def differences(rows: PolicyRows, config: Any) -> list[Row]:
-    """Test every difference that the thesis claims, in every group of learners, Holm in a group.
+    """Test every difference that the thesis claims, in every group of learners.
 
     A replicate is a training seed; an expert, trained once, is the same in all of them, so these
-    tests cover the variation of learners and not that of experts. A rate over nothing (no entry
-    into the junction) leaves a comparison out.
+    tests cover the variation of learners and not that of experts. A comparison is left out where a
+    rate is undefined, because no episode enters the junction.
+
+    Args:
+        rows: Row of metrics by policy and readout; the greedy ones are read.
+        config: Configuration of the study.
+
+    Returns:
+        A row for each group and comparison, with p adjusted by Holm within the group.
     """
     experts = plan.columns(config)["experts", "flat"]
     tests: list[Row] = []

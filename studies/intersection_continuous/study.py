@@ -1,4 +1,4 @@
-"""The intersection with continuous actions: the main table, and a dial beside a discrete one.
+"""The intersection with continuous actions: the main table, and dials of both kinds of actions.
 
 The ego drives straight on and chooses its acceleration. Learners have a mixture of the experts;
 dials of discrete actions, of the same steps and updates, drive the same episodes.
@@ -47,9 +47,13 @@ from socialiq_lab.tables import (
     with_holm,
 )
 
-EXPERTS, LEARNERS, BASELINE = "experts/sac", "learners/targets", "learners/baseline"
+EXPERTS = "experts/sac"
+LEARNERS = "learners/targets"
+BASELINE = "learners/baseline"
 LONGER = "learners/longer"
-CLONES, WEIGHTED, TD3_BC = "offline/cloning", "offline/weighted-cloning", "offline/td3-bc"
+CLONES = "offline/cloning"
+WEIGHTED = "offline/weighted-cloning"
+TD3_BC = "offline/td3-bc"
 POLICIES = {
     EXPERTS: ("expert", True),
     LEARNERS: ("", True),
@@ -61,7 +65,9 @@ POLICIES = {
 }
 """Jobs of experts and of what learns from a mixture: the beginning of a policy's name in the
 tables, and whether there is a run for every angle."""
-CONTINUOUS, HIGH_ANGLES, DISCRETE = "dials/continuous", "dials/high-angles", "dials/discrete"
+CONTINUOUS = "dials/continuous"
+HIGH_ANGLES = "dials/high-angles"
+DISCRETE = "dials/discrete"
 KINDS = CONTINUOUS, HIGH_ANGLES, DISCRETE
 """Jobs that train dials."""
 
@@ -85,7 +91,8 @@ _TD3_BC = actors.TD3BCConfig(
     **_NETWORK, updates=actors.EXPERT.updates, endings=actors.LEARNER.endings
 )
 _TD3_BC_NUMBERS = actors.TD3BCHyperparameters()
-_OPTIONS, _DISCRETE_OPTIONS = ContinuousOptions(), Options(destination="straight")
+_OPTIONS = ContinuousOptions()
+_DISCRETE_OPTIONS = Options(destination="straight")
 
 
 @dataclass(frozen=True)
@@ -141,7 +148,12 @@ class Runs:
 
 
 def run_file(angle: float, seed: int) -> str:
-    """Return the file of a run's policy, by its angle, 0 for those without, and its seed."""
+    """Return the file of a run's policy.
+
+    Args:
+        angle: Angle of the run in degrees, 0 for a run without one.
+        seed: Training seed.
+    """
     return f"{angle:g}_{seed}.safetensors"
 
 
@@ -196,8 +208,16 @@ def jobs(config: Config) -> list[Job]:
 def train_runs(
     config: Runs, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write the policy of each run; each training seed of learners has a mixture of its own."""
-    structure, seeds = config.structure, list(dict.fromkeys(run.seed for run in config.numbers))
+    """Write the policy of each run; each training seed of learners has its own mixture.
+
+    Args:
+        config: Runs of one program.
+        folder: Folder of the job, to which the policies are written (`run_file`).
+        inputs: Folder of the recorded demonstrations; empty for experts and dials.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
+    structure = config.structure
+    seeds = list(dict.fromkeys(run.seed for run in config.numbers))
     data = [
         driving.mixture_of(recordings, config.size, seed)
         for recordings in inputs.values()
@@ -209,7 +229,8 @@ def train_runs(
     ]
     world = Intersection(config.options)
     if isinstance(structure, dial.DialConfig):
-        count, steps = config.environments, actors.STEPS_PER_UPDATE
+        count = config.environments
+        steps = actors.STEPS_PER_UPDATE
         collect = road.dial_collector(structure, numbers, world, count, steps)
         learn = partial(dial_training.train, sizes=road.sizes_of(config.options, True))
         program = partial(learn, structure, numbers, data, before_chunk=collect)
@@ -233,9 +254,18 @@ _PAIRS = (CONTINUOUS, DISCRETE), (HIGH_ANGLES, DISCRETE), (HIGH_ANGLES, CONTINUO
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Compute every table from the jobs' folders, and copy the experts and the first dial."""
+    """Compute every table from the jobs' folders, and copy the experts and the first dial.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        All tables, means of dials and of the main table as summary, and the policies' files.
+    """
     work = context.work
-    policies, dials = _policies(config, work), list[Row]()
+    policies = _policies(config, work)
+    dials = list[Row]()
     for kind, seed, angle in itertools.product(KINDS, config.seeds, config.angles):
         file = driving.episodes_at(work / "evaluation" / kind, run_file(0.0, seed), angle)
         row = policy_row(kind, "greedy", driving.load_episodes(file))
@@ -301,7 +331,15 @@ def _of_mixture(policies: Sequence[Row]) -> list[Row]:
 
 
 def main_table(policies: Sequence[Row], dials: Sequence[Row]) -> list[Row]:
-    """Return each metric of Tables 6.1 and 6.2 over seeds; of dials at the modes."""
+    """Return each metric of Tables 6.1 and 6.2 over seeds; dials are included at the modes' angles.
+
+    Args:
+        policies: Rows of experts and of policies of a mixture.
+        dials: Rows of the dials at every angle.
+
+    Returns:
+        A row for each metric and policy with mean, deviation and range; shares are in percent.
+    """
     by_name = {name: rows for (name,), rows in groups(policies, "name").items()}
     modes = {angle: mode for mode, angle in MODES.items()}
     for (kind, angle), rows in groups(dials, "kind", "asked").items():

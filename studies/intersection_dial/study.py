@@ -1,4 +1,4 @@
-"""The dial in the intersection, beside agents trained for one angle each.
+"""The dial in the intersection, compared with agents trained for one angle each.
 
 Dials and agents differ only in their range of angles and number of updates; a dial with a clock and
 its ablations in what `ABLATIONS` names. All drive the intersection study's episodes.
@@ -31,8 +31,14 @@ from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import groups, matching, numeric_means, paired_differences
 
-DIALS, AGENTS, TIMED, CALIBRATED, SHORT = "dial", "agents", "timed", "calibrated", "short"
-ITERATED, PLANNED, FORESIGHT = "iterated", "planned", "foresight"
+DIALS = "dial"
+AGENTS = "agents"
+TIMED = "timed"
+CALIBRATED = "calibrated"
+SHORT = "short"
+ITERATED = "iterated"
+PLANNED = "planned"
+FORESIGHT = "foresight"
 
 DIAL_STRUCTURE = DialConfig(
     view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
@@ -117,7 +123,7 @@ class Config:
                     yield seed, family, self.key_angles if few else self.turned
 
     def recipe_of(self, family: str) -> tuple[DialConfig, DialHyperparameters]:
-        """Return how the dials of a family are trained; agents but for their angle."""
+        """Return how the dials of a family are trained; for agents, all settings but the angle."""
         if family == DIALS:
             return self.structure, self.numbers
         if family == AGENTS:
@@ -125,14 +131,21 @@ class Config:
             return dataclasses.replace(self.structure, **agent), self.numbers
         if family == TIMED:
             return self.recipe, self.recipe_numbers
-        of_structure, of_numbers = {"updates": self.ablation_updates}, {}
+        of_structure = {"updates": self.ablation_updates}
+        of_numbers = {}
         for name, value in ABLATIONS[family].items():
             (of_structure if hasattr(self.recipe, name) else of_numbers)[name] = value
         return changed(self.recipe, of_structure), changed(self.recipe_numbers, of_numbers)
 
 
 def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
-    """Return the folder of a dial, or of the agent of an angle."""
+    """Return the folder of a dial, or of the agent of an angle.
+
+    Args:
+        family: Kind of policy, from `FAMILIES`.
+        seed: Training seed.
+        angle: Angle of an agent in degrees; of no effect for a dial.
+    """
     if family == AGENTS:
         return f"agents/{angle:g}/{seed}"
     return f"dials/{seed}" if family == DIALS else f"{family}/{seed}"
@@ -145,7 +158,8 @@ def jobs(config: Config) -> list[Job]:
         config.cells(), key=lambda cell: (config.seeds.index(cell[0]), FAMILIES.index(cell[1]))
     ):
         for at in [(angle,) for angle in angles] if family == AGENTS else [angles]:
-            name, timed = folder_of(family, seed, at[0]), folder_of(TIMED, seed)
+            name = folder_of(family, seed, at[0])
+            timed = folder_of(TIMED, seed)
             ahead = _AHEAD.get(family, "")
             if family == CALIBRATED:
                 run = driving.Driving(
@@ -157,7 +171,8 @@ def jobs(config: Config) -> list[Job]:
             elif family == ITERATED:
                 numbers = dataclasses.replace(config.iteration_numbers, seed=seed)
                 run = training.DialIterationRun(config.iteration, numbers)
-                work, cost = training.train_dial_by_iteration, config.iteration.updates / 20
+                work = training.train_dial_by_iteration
+                cost = config.iteration.updates / 20
                 planned.append(Job(name, work, run, (timed,), cost))
             elif not ahead:
                 structure, numbers = config.recipe_of(family)
@@ -170,17 +185,27 @@ def jobs(config: Config) -> list[Job]:
                 if family == AGENTS:
                     agent = dataclasses.replace(structure, low=at[0], high=at[0])
                     run = dataclasses.replace(run, structure=agent, check_angles=at)
-                inputs, cost = (driving.DEMONSTRATIONS,), structure.updates / 150
+                inputs = (driving.DEMONSTRATIONS,)
+                cost = structure.updates / 150
                 planned.append(Job(name, training.train_dial, run, inputs, cost))
             run = driving.Driving(angles=at, episodes=config.episodes, ahead=ahead)
-            dial, cost = (timed if ahead else name), {"planned": 140.0, "lookahead": 15.0}
+            dial = timed if ahead else name
+            cost = {"planned": 140.0, "lookahead": 15.0}
             cost = cost.get(ahead, 3.0) * len(at)
             planned.append(Job(f"evaluation/{name}", driving.drive, run, (dial,), cost))
     return planned
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Compute every table from the jobs' folders, and copy the dials of the first seed."""
+    """Compute every table from the jobs' folders, and copy the dials of the first seed.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        All tables, means over seeds as summary, and the dials of the first seed.
+    """
     work = context.work
     known_rows = known_policies() if config.episodes == driving.EPISODES else []
     driven = _policies(config, work, known_rows)
@@ -211,7 +236,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def _policies(config: Config, work: Path, known_rows: Sequence[Row]) -> list[Row]:
-    """Return metrics of each policy, its J(α) at the requested angle, and its regrets there.
+    """Return metrics of each policy, with J(α) and its regrets at the requested angle.
 
     The regret is against the best policy here, `known_regret` against the best of these and of all
     known ones, `others_regret` against the best of other families and of all known ones; the last
@@ -267,7 +292,8 @@ def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
         if not rows:
             continue
         key = [row for row in rows if row["asked"] in config.key_angles]
-        regrets, points = [row["regret"] for row in key], intersection.points_of(key)
+        regrets = [row["regret"] for row in key]
+        points = intersection.points_of(key)
         compared.append(
             {"family": family, "seed": seed, "hypervolume": hypervolume(points, corner)}
             | {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}

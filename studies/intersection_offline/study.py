@@ -1,7 +1,8 @@
 """Offline learning in the intersection: demonstrations and their reward pairs, no step in a world.
 
-One offline dial beside the demonstrators, clones and IQ-Learn, all with the network that reads the
-vehicles as a set, from the same mixtures, on the same episodes. IQ-Learn is also trained online.
+One offline dial is compared with the demonstrators, clones and IQ-Learn on the same episodes. All
+that are trained have the network that reads the vehicles as a set, and the same mixtures. IQ-Learn
+is also trained online.
 """
 
 import dataclasses
@@ -84,9 +85,18 @@ class Config:
 
 
 def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
-    """Return the runs of the dial or of a method; a clone of all is one for every angle."""
+    """Return the runs of the dial or of a method.
+
+    Args:
+        config: Configuration of the study.
+        method: `OWN`, the dial, or a name from `METHODS`; a "clone of all" has one run for every
+            angle.
+        seeds: Training seeds of the program.
+    """
     declared: dict[str, Any] = METHODS.get(method, {})
-    structure, numbers, angles = config.structure, config.numbers, config.method_angles
+    structure = config.structure
+    numbers = config.numbers
+    angles = config.method_angles
     network = {"hidden": structure.hidden, "view": structure.view, "updates": config.updates}
     if method == OWN:
         angles = ()
@@ -109,7 +119,13 @@ def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
 
 
 def folder_of(config: Config, method: str, seed: int) -> str:
-    """Return the folder of the program that trains a seed's runs of a method."""
+    """Return the folder of the program that trains a seed's runs of a method.
+
+    Args:
+        config: Configuration of the study.
+        method: `OWN`, the dial, or a name from `METHODS`.
+        seed: Training seed.
+    """
     name = method.replace("R(α)", "total").replace("χ²", "chi2")
     stage = "dials" if method == OWN else f"learners/{name.replace(',', '').replace(' ', '-')}"
     return f"{stage}/{config.program(seed)[0]}"
@@ -129,7 +145,8 @@ def jobs(config: Config) -> list[Job]:
     for seed in config.seeds[:: config.together]:
         for method in (OWN, *config.methods):
             seeds = config.program(seed)
-            name, runs = folder_of(config, method, seed), runs_of(config, method, seeds)
+            name = folder_of(config, method, seed)
+            runs = runs_of(config, method, seeds)
             policies = len(seeds) * (len(runs.angles) or 4)
             cost = policies * runs.structure.updates / 300
             planned.append(Job(name, train_runs, runs, (driving.DEMONSTRATIONS,), cost))
@@ -144,14 +161,27 @@ def save_demonstrators(
     _inputs: Mapping[str, Path],
     on_progress: ProgressCallback,
 ) -> None:
-    """Write the experts of the atlas, so that other jobs can drive them."""
+    """Write the experts of the atlas, so that other jobs can drive them.
+
+    Args:
+        folder: Folder of the job; it gets a file for each mode.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
     for mode in MODES:
         atlas.load(f"expert_{mode}").save(folder / f"{mode}.safetensors")
     on_progress(1.0)
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Compute every table from the jobs' folders, and copy the dial of the first seed."""
+    """Compute every table from the jobs' folders, and copy the dial of the first seed.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        All tables, verdicts of the tests as summary, and the first seed's dial.
+    """
     policies = _policies(config, context.work)
     trained = [job for job in context.jobs if job.stage in ("dials", "learners")]
     pooled: list[Row] = []
@@ -203,6 +233,13 @@ def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
     The dial against the best demonstrator at each angle, which is the same for all seeds, and
     against every method; and each form of IQ-Learn against each weighted clone. p is adjusted by
     Holm over the demonstrators of all angles, over the methods of all angles, and over the forms.
+
+    Args:
+        config: Configuration of the study.
+        policies: Rows of each policy and angle, with its J(α) as `value`.
+
+    Returns:
+        Tables `differences` (the dial) and `forms` (IQ-Learn); empty for a single training seed.
     """
     beside_best: list[Row] = []
     methods: list[Row] = []

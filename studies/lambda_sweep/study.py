@@ -40,7 +40,15 @@ def adaptation_rows(state: State) -> list[Row]:
 
 
 def settled(updates: Sequence[int], near: Sequence[bool]) -> int | str:
-    """Return the first update from which all are near; empty if the last isn't."""
+    """Return the first update from which on all angles are near the optimum's.
+
+    Args:
+        updates: Numbers of updates of the checkpoints, rising.
+        near: Whether the angle of each checkpoint is near.
+
+    Returns:
+        Number of updates, or an empty string if the last angle is not near.
+    """
     away = [number for number, close in enumerate(near) if not close]
     after = away[-1] + 1 if away else 0
     return updates[after] if after < len(updates) else ""

@@ -48,7 +48,7 @@ Rows = Float32[np.ndarray, "batch feature"]
 
 
 def crowded(most: int) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
-    """Return whether more than so many vehicles are in view."""
+    """Return a test of whether more vehicles than a number are in view."""
 
     def is_crowded(observation: Rows) -> Bool[np.ndarray, " batch"]:
         rows = observation[:, :-1].reshape(len(observation), -1, len(FEATURES))
@@ -58,13 +58,14 @@ def crowded(most: int) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
 
 
 def in_share(share: float) -> Callable[[Rows], Bool[np.ndarray, " batch"]]:
-    """Return whether an observation is in a share of all, by digits that mean nothing."""
+    """Return a test of whether an observation is in a share of all, by digits without meaning."""
     return lambda observation: np.modf(np.abs(observation.sum(axis=1)) * 1e4)[0] < share
 
 
 def policies(config: Any) -> Iterator[tuple[str, Policy]]:
     """Yield the policies that are declared: honest, of other angles, switching, rash, rules."""
-    world, dial = make(WORLD), DialPolicy.load(packaged_results() / SHIPPED_DIAL)
+    world = make(WORLD)
+    dial = DialPolicy.load(packaged_results() / SHIPPED_DIAL)
     honest = dial.at(config.declared)
     yield f"dial at {config.declared:g}", honest
     for angle in (0.0, 30.0):
@@ -82,7 +83,12 @@ def policies(config: Any) -> Iterator[tuple[str, Policy]]:
 
 
 def declaration(angle: float, options: dict[str, Any]) -> Profile:
-    """Return the default declaration of an angle in a scenario."""
+    """Return the default declaration of an angle in a scenario.
+
+    Args:
+        angle: Declared angle in degrees.
+        options: Options of the world in the scenario.
+    """
     usual = USUAL[WORLD]
     margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
     how = {"competence": floor_at(angle), "clip": usual.clip}
@@ -90,17 +96,29 @@ def declaration(angle: float, options: dict[str, Any]) -> Profile:
 
 
 def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
-    """Yield verdict and effects of every policy in a scenario, all on the same episodes."""
+    """Yield verdict and effects of every policy in a scenario, all on the same episodes.
+
+    Args:
+        config: Configuration of the study.
+        scenario: Name of the scenario, from `SCENARIOS`.
+        context: Progress callback; the study has no jobs.
+
+    Yields:
+        A row for each policy; `extra` is its delay in metres beyond that of the honest one.
+    """
     profile = declaration(config.declared, SCENARIOS[scenario])
-    world, width = profile.world(), profile.margin.width
+    world = profile.world()
+    width = profile.margin.width
     seeds = np.random.default_rng(config.seed).integers(2**62, size=config.episodes)
     quantities = tuple(measured_in(WORLD))
-    course, measured = Course(world, seeds), Course(world, seeds, measured=quantities)
+    course = Course(world, seeds)
+    measured = Course(world, seeds, measured=quantities)
     with contextlib.ExitStack() as closing:
         angles = dial_angles(config.declared, width)
         compared = resolve_references(world, (), UNKNOWN, Trust(), closing, angles)
         references = drive_references(course, compared.drivers)
-    stage, honest = f"audits, {scenario}", None
+    stage = f"audits, {scenario}"
+    honest = None
     for name, policy in tracked(list(policies(config)), context.on_stage, stage, "policies"):
         outcomes = measured.drive(Reference("policy", policy))
         evidence = Evidence(world.description, seeds, outcomes, references, {}, ())
@@ -109,8 +127,8 @@ def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
         row |= {"decided_by": deciding(verdict), "regret": verdict.regret.regret}
         row |= {test.name: test.share for test in cast(Any, verdict.competence)}
         for quantity in quantities:
-            row |= normal_mean(quantity, outcomes.beside[quantity])
-        delay = outcomes.beside["delay"]
+            row |= normal_mean(quantity, outcomes.episodes[quantity])
+        delay = outcomes.episodes["delay"]
         honest = delay if honest is None else honest
         yield row | normal_mean("extra", delay - honest)
 
@@ -128,9 +146,14 @@ def deciding(verdict: Decisive) -> str:
 
 
 def across_rows(audits: list[Row], scenarios: list[str]) -> Iterator[Row]:
-    """Yield for each policy its verdicts alone and across, and the effects where others lose most.
+    """Yield for each policy its verdicts alone and across, and its effects in the worst scenario.
 
-    `extra` is the delay there beyond that of the honest policy, the first one, in metres.
+    `extra` is the delay in metres beyond that of the honest policy, the first one, in the scenario
+    where it is largest.
+
+    Args:
+        audits: Rows of all scenarios.
+        scenarios: Names of the scenarios.
     """
     for name in dict.fromkeys(row["policy"] for row in audits):
         rows = {row["scenario"]: row for row in audits if row["policy"] == name}
@@ -143,7 +166,15 @@ def across_rows(audits: list[Row], scenarios: list[str]) -> Iterator[Row]:
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Audit every policy in every scenario; find the worst that passes each, and all."""
+    """Audit every policy in every scenario; find the worst that passes each, and all.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Tables `audits` and `across`, and the worst policy that passes as summary.
+    """
     check_counts(config, ("episodes",))
     scenarios = list(config.scenarios)
     audits = [row for name in scenarios for row in audit_rows(config, name, context)]

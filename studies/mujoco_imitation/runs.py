@@ -60,7 +60,11 @@ for _name, _row in _DECLARED["task"].items():
 
 
 def make_env(task: Task) -> gymnasium.Env[Any, Any]:
-    """Make a task's environment, actions in [-1, 1]; `UserError` if MuJoCo is not installed."""
+    """Make a task's environment, with actions in [-1, 1].
+
+    Raises:
+        UserError: If MuJoCo is not installed.
+    """
     try:
         return make_environment(task.env, continuous=True)
     except UserError as error:
@@ -72,16 +76,32 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
 
 
 def played(task: Task, policy: Policy, episodes: int, seed: int) -> Demonstrations:
-    """Return episodes of a policy's mean actions; episode i is reset with seed + i."""
+    """Return episodes of a policy's mean actions.
+
+    Args:
+        task: Task whose environment is driven.
+        policy: Policy that acts.
+        episodes: Number of episodes.
+        seed: Seed of the first reset; episode i is reset with seed + i.
+    """
     return rollout_env(make_env(task), policy, episodes, seed).transitions
 
 
 def returns(task: Task, policy: Policy, episodes: int, seed: int) -> np.ndarray:
-    """Return the undiscounted return of each of some episodes of a policy's mean actions."""
+    """Return the undiscounted return of each episode of a policy's mean actions.
+
+    Args:
+        task: Task whose environment is driven.
+        policy: Policy that acts.
+        episodes: Number of episodes.
+        seed: Seed of the first reset; episode i is reset with seed + i.
+    """
     return np.asarray(played(task, policy, episodes, seed).totals().env, np.float64)
 
 
-POLICY, RECORD, SHOWN = "expert.safetensors", "expert.json", "shown.safetensors"
+POLICY = "expert.safetensors"
+RECORD = "expert.json"
+SHOWN = "shown.safetensors"
 ROUND = 1000
 """Updates, and steps in the environment, between two rounds of acting: the greatest length of an
 episode."""
@@ -144,8 +164,15 @@ class Expert:
 def train_expert(
     recipe: Expert, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Train, or go on; write the best checkpoint, and the returns of all."""
-    task, settings = TASKS[recipe.task], recipe.settings
+    """Train, or go on; write the best checkpoint, and the returns of all.
+
+    Args:
+        recipe: Task, settings, and episodes by which checkpoints are judged.
+        folder: Folder of the job; it gets the policy and its record.
+        progress: Callback of the finished share, 0 to 1.
+    """
+    task = TASKS[recipe.task]
+    settings = recipe.settings
     checkpoint = folder / "training.safetensors"
 
     def judge(state: Any) -> dict[str, np.ndarray]:  # keeps the best checkpoint
@@ -192,7 +219,7 @@ def train_expert(
 
 @dataclasses.dataclass(frozen=True)
 class Imitation:
-    """Training of one method in one program; each seed has a set of its own, an input."""
+    """Training of one method in one program; each seed has its own set, an input."""
 
     task: str
     method: str
@@ -206,8 +233,16 @@ class Imitation:
 def imitate(
     run: Imitation, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Train and write the piece of each seed; an interrupted training goes on."""
-    task, method = TASKS[run.task], settled(run)
+    """Train and write the piece of each seed; an interrupted training goes on.
+
+    Args:
+        run: Task, method, seeds and evaluation episodes.
+        folder: Folder of the job; it gets a file for each seed.
+        inputs: Folder of the demonstrations of each seed, in the order of the seeds.
+        progress: Callback of the finished share, 0 to 1.
+    """
+    task = TASKS[run.task]
+    method = settled(run)
     datasets = [
         files.load(path / SHOWN, continuous=True).select(np.arange(run.trajectories))
         for path in inputs.values()
@@ -238,7 +273,8 @@ def imitate(
 
 def settled(run: Imitation) -> Method:
     """Return a run's method with its updates: the given ones, its own, or online the task's."""
-    method, changes = RECIPES[run.method], {}
+    method = RECIPES[run.method]
+    changes = {}
     updates = method.static.updates
     if method.online:
         updates = method.updates or TASKS[run.task].online_updates
@@ -253,7 +289,18 @@ def learn(
     seeds: Sequence[int],
     callbacks: Callbacks,
 ) -> list[actor_policy.ActorPolicy]:
-    """Train a run for each seed, each on its own set, all in one program; return the policies."""
+    """Train a run for each seed, each on its own set, all in one program.
+
+    Args:
+        task: Task whose environment online methods act in.
+        method: Learner with its settings.
+        datasets: Set of demonstrations of each seed.
+        seeds: Training seeds.
+        callbacks: Progress and checkpoint.
+
+    Returns:
+        Policy of each seed.
+    """
 
     def environment() -> Any:
         env = make_env(task)
@@ -261,7 +308,8 @@ def learn(
 
     if method.absorbing:
         datasets = [variants.with_absorbing_states(dataset) for dataset in datasets]
-    changes, makers = [], [environment] * len(seeds)
+    changes = []
+    makers = [environment] * len(seeds)
     if method.standardised:
         unseen = () if method.forces else task.forces
         changes = [Standardisation.of(dataset.observation, unseen) for dataset in datasets]

@@ -1,4 +1,4 @@
-"""Imitation of trained experts on MuJoCo, beside cloning: plan, pieces that are there, tables."""
+"""Imitation of trained experts on MuJoCo, compared with cloning: plan, committed pieces, tables."""
 
 import hashlib
 import json
@@ -33,12 +33,27 @@ Pieces = dict[str, bytes]
 
 
 def name_of(task: str, method: str, trajectories: int, seed: int) -> str:
-    """Return the name of a run's file."""
+    """Return the name of a run's file.
+
+    Args:
+        task: Name of the task.
+        method: Name of the method or variant.
+        trajectories: Number of demonstrated trajectories.
+        seed: Training seed.
+    """
     return f"{task}-{as_file_name(method)}-{trajectories}-{seed}.json"
 
 
 def expert_of(pieces: Pieces, task: str) -> Pieces:
-    """Return the files of a task's expert by their name in its job; none without one."""
+    """Return the files of a task's expert by their name in its job.
+
+    Args:
+        pieces: Content of the files of pieces by name.
+        task: Name of the task.
+
+    Returns:
+        Content of record and policy; empty without an expert.
+    """
     names = {name: f"{task}_{name}" for name in (RECORD, POLICY)}
     return {name: pieces[file] for name, file in names.items() if file in pieces}
 
@@ -90,7 +105,18 @@ class Showing:
 def show(
     showing: Showing, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
 ) -> None:
-    """Write whole trajectories of the expert's mean actions."""
+    """Write whole trajectories of the expert's mean actions.
+
+    Args:
+        showing: Task, number of trajectories, their first seed, and the folder of a committed
+            expert.
+        folder: Folder of the job, to which the trajectories are written.
+        inputs: Folder of the job that trained a new expert; empty for a committed one.
+        progress: Callback of the finished share, 0 to 1.
+
+    Raises:
+        UserError: If the committed expert has changed since the jobs were planned.
+    """
     if showing.pieces:
         if _sha256(committed(showing.pieces), showing.task) != showing.sha256:
             raise UserError(
@@ -122,7 +148,7 @@ def cells(config: Any) -> Iterator[tuple[str, str, int]]:
 
 
 def jobs(config: Any) -> list[Job]:
-    """Return `plan`, once MuJoCo is known to be there."""
+    """Return `plan`, after a check that MuJoCo is installed."""
     if planned := plan(config):
         runs.make_env(TASKS[config.tasks[0]]).close()
     return planned
@@ -135,14 +161,16 @@ def plan(config: Any) -> list[Job]:
         if not 1 <= count <= max(COUNTS):
             raise UserError(f"trajectories must be 1 to {max(COUNTS)}, got {count}")
     check_names(config, tasks=TASKS, methods=METHODS, variants=VARIANTS)
-    there, planned = committed(config.pieces), list[Job]()
+    there = committed(config.pieces)
+    planned = list[Job]()
     for task in config.tasks if config.new else ():
         missing: dict[tuple[str, int], tuple[int, ...]] = {}
         for of_task, method, count in cells(config):
             seeds = tuple(s for s in config.seeds if name_of(task, method, count, s) not in there)
             if of_task == task and seeds:
                 missing[method, count] = seeds
-        source, inputs = (config.pieces, _sha256(there, task)), ()
+        source = config.pieces, _sha256(there, task)
+        inputs = ()
         if not expert_of(there, task):
             settings = TASKS[task].expert
             recipe = runs.Expert(
@@ -156,7 +184,8 @@ def plan(config: Any) -> list[Job]:
                 evaluation_seed=config.evaluation_seed,
             )
             planned.append(Job(f"expert/{task}", runs.train_expert, recipe, cost=300.0))
-            source, inputs = (), (f"expert/{task}",)
+            source = ()
+            inputs = (f"expert/{task}",)
         for seed in sorted({seed for seeds in missing.values() for seed in seeds}):
             first = config.data_seed + max(COUNTS) * seed
             showing = Showing(task, max(config.trajectories), first, *source)
@@ -172,7 +201,15 @@ def plan(config: Any) -> list[Job]:
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Compute every table from the pieces: those that were there, and the new ones."""
+    """Compute every table from the pieces: the committed ones, and the new ones.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        All tables, the pooled cells and the experts as summary, and the files of all pieces.
+    """
     pieces = committed(config.pieces)
     for job in context.jobs:
         folder = context.work / job.name
@@ -240,7 +277,15 @@ def expert_rows(pieces: Pieces) -> list[Row]:
 
 
 def run_rows(pieces: Pieces, experts: Sequence[Row]) -> list[Row]:
-    """Return each run with its share of the expert's return."""
+    """Return each run with its share of the expert's return.
+
+    Args:
+        pieces: Content of the files of pieces by name.
+        experts: Rows of `expert_rows`; runs of further tasks are left out.
+
+    Returns:
+        Rows by task, number of trajectories, method and seed.
+    """
     expert_returns = {row["task"]: row["mean_return"] for row in experts}
     order = {name: number for number, name in enumerate((*TASKS, *METHODS, *VARIANTS))}
     records = [json.loads(pieces[name]) for name in pieces if "_expert." not in name]
@@ -259,7 +304,8 @@ def _pooled(runs: Sequence[Row]) -> Row:
     names = ("mean_return", "least_run", "share", "least_share")
     if not runs:
         return dict.fromkeys(names, "")
-    returned, share = column(runs, "mean_return"), column(runs, "share")
+    returned = column(runs, "mean_return")
+    share = column(runs, "share")
     values = (np.mean(returned), min(returned), np.mean(share), min(share))
     return dict(zip(names, map(float, values), strict=True))
 

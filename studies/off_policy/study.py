@@ -1,4 +1,4 @@
-"""Off-policy evaluation beside exact values: how often its intervals hold, and when it says no.
+"""Off-policy evaluation against exact values: how often its intervals hold, and when it says no.
 
 Three demonstrators take the best first action of each state, or a random one. From their episodes
 alone the policies of seven angles are evaluated. The truth is exact: only the episodes are random.
@@ -33,14 +33,28 @@ class Scene(NamedTuple):
         return Scene(table, {state.tobytes(): row for row, state in enumerate(table.states)})
 
     def policy(self, angle: float, random: float) -> np.ndarray:
-        """Return the best first actions for R(α), mixed with random ones."""
+        """Return the best first actions for R(α), mixed with random ones.
+
+        Args:
+            angle: α in degrees.
+            random: Share of random actions, 0 to 1.
+
+        Returns:
+            Probabilities of the actions, (state, action).
+        """
         mdp = self.part.mdp
         reward = score(weights(angle), mdp.rewards)
         best = horizon_optimum(mdp, reward, self.part.world.horizon).actions[0]
         return (1.0 - random) * np.eye(mdp.n_actions)[best] + random / mdp.n_actions
 
     def data(self, episodes: int, explored: float, seed: int) -> Demonstrations:
-        """Return equal numbers of episodes of each demonstrator."""
+        """Return equal numbers of episodes of each demonstrator.
+
+        Args:
+            episodes: Number of episodes of each demonstrator.
+            explored: Share of random actions of the demonstrators, 0 to 1.
+            seed: Seed of all draws.
+        """
         demonstrations = {
             mode: rollout.rollout_table(
                 self.part,
@@ -55,7 +69,8 @@ class Scene(NamedTuple):
 
     def chances(self, policy: np.ndarray) -> off_policy.Chances:
         """Return a policy as a function of observations; an end's observation has no action."""
-        n_actions, kind = policy.shape[1], self.part.states.dtype
+        n_actions = policy.shape[1]
+        kind = self.part.states.dtype
         even = np.full(n_actions, 1.0 / n_actions)
 
         def of(observations: np.ndarray) -> np.ndarray:
@@ -66,7 +81,15 @@ class Scene(NamedTuple):
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Evaluate every policy from every set of episodes, and exactly."""
+    """Evaluate every policy from every set of episodes, and exactly.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Tables `estimates` and `pooled`, and the latter as summary.
+    """
     sets = list(itertools.product(config.worlds, config.explored, config.seeds))
     scenes = {world: Scene.of(world) for world in config.worlds}
     rows: list[Row] = []
@@ -112,7 +135,7 @@ _KEYS = ("world", "explored", "estimator")
 
 
 def _pooled(values: Sequence[Any], group: Sequence[Row]) -> Row:
-    """Coverage and error of the estimates that are called supported, and of the others."""
+    """Coverage and error of the estimates that are called supported, and of those that are not."""
     row: Row = dict(zip(_KEYS, values, strict=True)) | {"estimates": len(group)}
     row["supported"] = mean(group, "supported")
     for name, is_supported in (("supported", 1), ("others", 0)):

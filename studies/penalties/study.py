@@ -22,13 +22,26 @@ CLOSE = 0.05  # a deviation |r̂ - λR(α)| below this share of the largest |λR
 
 
 def l1(reward: Array, target: Array, strength: Array) -> Array:
-    """Return E|r̂ - λR(α)|, the penalty that the thesis calls L1."""
+    """Return E|r̂ - λR(α)|, the penalty that the thesis calls L1.
+
+    Args:
+        reward: r̂ of each row of a batch.
+        target: R(α) of each row.
+        strength: λ.
+    """
     return jnp.mean(jnp.abs(reward - strength * target))
 
 
 def kl(reward: Array, target: Array, strength: Array) -> Array:
-    """Return KL(softmax(λR(α)) || softmax(r̂)), both over the rows of a batch."""
-    prior, learned = jax.nn.log_softmax(strength * target), jax.nn.log_softmax(reward)
+    """Return KL(softmax(λR(α)) || softmax(r̂)), both over the rows of a batch.
+
+    Args:
+        reward: r̂ of each row of a batch.
+        target: R(α) of each row.
+        strength: λ.
+    """
+    prior = jax.nn.log_softmax(strength * target)
+    learned = jax.nn.log_softmax(reward)
     return jnp.sum(jnp.exp(prior) * (prior - learned))
 
 
@@ -44,8 +57,16 @@ def deviation_rows(state: State) -> list[Row]:
 def deviations(
     policy: QPolicy, static: IQLearnConfig, run: IQLearnHyperparameters, data: Demonstrations
 ) -> Float[np.ndarray, " transition"]:
-    """Return r̂ - λR(α) of each demonstrated transition, with V(s') of the trained network."""
-    q, after = policy.q_values(data.observation), policy.q_values(data.next_observation)
+    """Return r̂ - λR(α) of each demonstrated transition, with V(s') of the trained network.
+
+    Args:
+        policy: Trained policy, whose network is Q.
+        static: Static configuration of the run.
+        run: Hyperparameters of the run.
+        data: Demonstrations that the run learned from.
+    """
+    q = policy.q_values(data.observation)
+    after = policy.q_values(data.next_observation)
     tau = run.temperature
     value = tau * np.asarray(logsumexp(after / tau, axis=1))
     ended = np.asarray(data.ending) != int(Ending.NONE)  # the preset treats every end as zero
@@ -62,7 +83,8 @@ def _target(static: IQLearnConfig, run: IQLearnHyperparameters, data: Demonstrat
 
 def _deviation_row(gap: np.ndarray, target: np.ndarray) -> Row:
     """Return the distances of r̂ from λR(α), and how evenly they spread over transitions."""
-    scale, size = float(np.abs(target).max()), np.abs(gap)
+    scale = float(np.abs(target).max())
+    size = np.abs(gap)
     level = gap - gap.mean()
     return {
         "matched": float((size <= CLOSE * scale).mean()),

@@ -19,7 +19,7 @@ from socialiq.plotting.style import COLORS, figure
 from socialiq.results_folder import Results
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.types import Row
-from socialiq.worlds.enumerate import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import sequence, train_runs
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, StageCallback
@@ -35,7 +35,15 @@ _COLORS = {"W": ("#d9d9d9", "#333333"), "G": ("#2166ac", "white")}
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Train baseline and targets, and compare their greedy action sequences with the thesis'."""
+    """Train baseline and targets, and compare their greedy action sequences with the thesis'.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Tables `experts`, `sequences`, `agreement` and `agreement_by_updates`, and the summary.
+    """
     ground = Ground.of("crossing5")
     episodes = demonstrations_by_mode(ground.table, dict.fromkeys(MODES, 1), 0)
     data = equal_trajectories(episodes, 1, 0)  # one for all seeds
@@ -83,10 +91,12 @@ def _train(
     on_stage: StageCallback,
 ) -> list[Row]:
     """Train the targets of a kind, or the baseline; return a row for each run."""
-    numbers, angles = presets.TABLE_C1_NUMBERS, MODES
+    numbers = presets.TABLE_C1_NUMBERS
+    angles = MODES
     stage = f"5x5 targets, {kind}, V(s') {static.next_value}"
     if kind == "none":
-        static, angles = presets.baseline(static), {"baseline": numbers.angle}
+        static = presets.baseline(static)
+        angles = {"baseline": numbers.angle}
         stage = f"5x5 baseline, V(s') {static.next_value}"
     else:
         numbers = dataclasses.replace(numbers, strength=config.strength)
@@ -105,7 +115,8 @@ def _train(
         return {"equal": np.array(equal, np.float64)}
 
     trained = train_runs(ground, static, runs, [data], on_stage(stage), CHUNK, monitor)
-    equal, rows = trained.history.array("equal"), []
+    equal = trained.history.array("equal")
+    rows = []
     for run, (mode, seed) in enumerate(cells):
         learned = letters(trained.policy(run))
         at = [n for n, yes in zip(trained.history.updates, equal[:, run], strict=True) if yes]
@@ -140,7 +151,7 @@ def _by_updates(rows: list[Row], updates: int) -> list[Row]:
 
 
 def pictures(results: Results) -> dict[str, Figure]:
-    """Draw Fig 6.1: the commonest sequence of each policy over seeds, beside the thesis'."""
+    """Draw Fig 6.1: the commonest sequence of each policy over seeds, and the thesis' sequence."""
     picture = figure(8.0, 4.2)
     axes = picture.add_subplot()
     policies = results.summary["policies"]

@@ -26,7 +26,7 @@ from socialiq.evaluation.malice import Malice
 from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES, record, trajectory_datasets
 from socialiq.learners.iq_learn import config as iq
-from socialiq.types import Ending, Row
+from socialiq.types import Row
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
@@ -34,21 +34,23 @@ from socialiq.worlds.registry import make_grid
 from socialiq_lab.comparison import Setting
 from socialiq_lab.comparison_runs import Arena
 
-GRID, ROAD = "crossing7", "intersection"
+GRID = "crossing7"
+ROAD = "intersection"
 OPTIONS = {"braking": "one_level"}
 """Of the 7x7 world: in the default one nothing can collide."""
 ATTACKERS = {"hater": "hater", "rammer": "rammer", "adaptive": "hater"}
 """Attackers by name and what they do; the adaptive one forges within limits of `data trust`."""
 DAY = datetime.date(2026, 11, 27)
 RESAMPLES = 2000
-BATCH, ENVIRONMENTS = 512, 12
+BATCH = 512
+ENVIRONMENTS = 12
 """Episodes side by side, and intersections in which a learner acts."""
 UNKNOWN = {"kind": "python", "source": "", "sha256": ""}
 """Record of a policy that is none of an audit's references."""
 
 
 class Poison(NamedTuple):
-    """Contamination of a data set; `case` is of the labels that a learner gets."""
+    """Contamination of a data set; `case` names the labels that a learner gets."""
 
     attacker: str
     case: str
@@ -67,7 +69,20 @@ class Poison(NamedTuple):
 def contaminated(
     honest: Demonstrations, poison: Poison, attacked: Callable[[Malice, int], Demonstrations]
 ) -> Demonstrations:
-    """Put a share of an attacker's episodes in the place of honest ones, with a case's labels."""
+    """Put a share of an attacker's episodes in the place of honest ones, with a case's labels.
+
+    Args:
+        honest: Honest episodes.
+        poison: Attacker, case, share and seed.
+        attacked: Returns a number of episodes of an attacker.
+
+    Returns:
+        Data set of as many episodes; with the case "recomputed" the episodes with false labels are
+        dropped.
+
+    Raises:
+        UserError: If no honest episode is left, or "recomputed" labels disagree in more than half.
+    """
     count = round(poison.share * honest.n_episodes)
     if not count:
         return honest
@@ -85,7 +100,8 @@ class Grid:
     settings: ClassVar[Mapping[str, Setting]] = {}
 
     def __init__(self, config: Any) -> None:
-        self.config, self.table = config, tabulate(make_grid(GRID, **OPTIONS))
+        self.config = config
+        self.table = tabulate(make_grid(GRID, **OPTIONS))
         part = self.table.reachable_part()
         self.ground = exact.Ground(self.table, part, exact.Optimum(part))
         seeds = np.random.default_rng(config.seeds[0]).integers(2**62, size=config.audit_episodes)
@@ -103,14 +119,28 @@ class Grid:
         return contaminated(honest, poison, attacked)
 
     def arena(self, datasets: Sequence[Demonstrations], on_report: Any) -> Arena:
-        """Return the inputs of the learners."""
+        """Return the inputs of the learners.
+
+        Args:
+            datasets: Data set of each contamination.
+            on_report: Progress callback of the training.
+        """
         rates = {"learning_rate": self.config.learning_rate, "polyak": self.config.polyak}
-        numbers, updates = dataclasses.replace(iq.TABLE_C1_NUMBERS, **rates), self.config.updates
+        numbers = dataclasses.replace(iq.TABLE_C1_NUMBERS, **rates)
+        updates = self.config.updates
         given = iq.TABLE_C1, numbers, updates, datasets, self.table.world
         return Arena(*given, on_report=on_report, chunk=500)
 
     def measured(self, policy: Any, angle: float) -> Row:
-        """Evaluate a greedy policy exactly, and audit it at an angle; equal ones once."""
+        """Evaluate a greedy policy exactly, and audit it at an angle.
+
+        Args:
+            policy: Trained policy.
+            angle: Angle in degrees of regret and declaration.
+
+        Returns:
+            Columns `regret`, `collision`, `arrival` and `verdict`; equal policies are audited once.
+        """
         part = self.ground.part
         actions = exact.action_table(policy, part, "greedy")
         metrics = exact.evaluate_exactly(part, actions)
@@ -132,17 +162,20 @@ class Road:
     }
 
     def __init__(self, config: Any) -> None:
-        self.config, self.world = config, cast(RoadWorld, make(ROAD))
+        self.config = config
+        self.world = cast(RoadWorld, make(ROAD))
         seeds = np.random.default_rng(config.seeds[0]).integers(2**62, size=config.road_episodes)
         self.course = Course(self.world, seeds)
         self.references: dict[float, tuple[Outcomes, ...]] = {}
 
     def data(self, poison: Poison) -> Demonstrations:
-        """Return the data set of a contamination; each seed has episodes of its own."""
-        each, first = self.config.road_each, 1_000_000 * poison.seed
+        """Return the data set of a contamination; each seed has its own episodes."""
+        each = self.config.road_each
+        first = 1_000_000 * poison.seed
         pools = {}
         for number, mode in enumerate(MODES):
-            seeds, policy = first + number * each + np.arange(each), atlas.load(f"expert_{mode}")
+            seeds = first + number * each + np.arange(each)
+            policy = atlas.load(f"expert_{mode}")
             batch = self.world.batch(BATCH)
             pools[mode] = record(batch, policy, seeds, mode, {"world": ROAD}).transitions
         honest = equal_trajectories(pools, each, poison.seed)
@@ -154,8 +187,14 @@ class Road:
         return contaminated(honest, poison, attacked)
 
     def arena(self, datasets: Sequence[Demonstrations], on_report: Any) -> Arena:
-        """Return the inputs of the learners."""
-        static, updates = iq.INTERSECTION_CALIBRATED, self.config.road_updates
+        """Return the inputs of the learners.
+
+        Args:
+            datasets: Data set of each contamination.
+            on_report: Progress callback of the training.
+        """
+        static = iq.INTERSECTION_CALIBRATED
+        updates = self.config.road_updates
         steps = updates * static.env_steps_per_update
         shape = {"view": "set", "hidden": (64, 64), "batch_size": 64, "replay_capacity": steps}
         numbers = dataclasses.replace(iq.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3)
@@ -170,11 +209,19 @@ class Road:
         )
 
     def measured(self, policy: Any, angle: float) -> Row:
-        """Drive the episodes of a greedy policy's default audit, and decide it at an angle."""
+        """Drive the episodes of a greedy policy's default audit, and decide it at an angle.
+
+        Args:
+            policy: Trained policy.
+            angle: Angle in degrees of regret and declaration.
+
+        Returns:
+            Columns `regret`, `collision`, `arrival` and `verdict`.
+        """
         verdict, outcomes = audited(angle, self.course, self.references, policy)
         row: Row = {"regret": verdict.regret.regret}
-        row["collision"] = float(np.mean(outcomes.ending == Ending.COLLISION))
-        row["arrival"] = float(np.mean(outcomes.ending == Ending.ARRIVAL))
+        row["collision"] = float(np.mean(outcomes.episodes.collision))
+        row["arrival"] = float(np.mean(outcomes.episodes.arrival))
         return row | {"verdict": verdict.decision.value}
 
 
@@ -183,10 +230,16 @@ def audited(
 ) -> Any:
     """Return the verdict of a policy's default declaration, and its episodes.
 
-    An angle's references are driven once.
+    Args:
+        angle: Declared angle in degrees.
+        course: Episodes that every driver drives.
+        references: Outcomes of the references by angle; those of a new angle are driven and added.
+        policy: Policy under audit.
     """
-    outcomes, world = course.drive(Reference("policy", policy)), course.world
-    usual, options = USUAL[world.name], OPTIONS if world.is_exact else {}
+    outcomes = course.drive(Reference("policy", policy))
+    world = course.world
+    usual = USUAL[world.name]
+    options = OPTIONS if world.is_exact else {}
     if angle not in references:
         with contextlib.ExitStack() as closing:
             angles = dial_angles(angle, usual.width)

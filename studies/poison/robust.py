@@ -8,14 +8,15 @@ penalises it. Their β is the angle of a robot's motion to its goal; ours is the
 episode's R(α) in the set, so it reads labels.
 
 RIL-Co (Tangkaratt et al. 2021, arXiv 2010.10181): a classifier g of demonstrations (+) and the
-learner's own rows (-) with a symmetric loss, ℓ(z) + ℓ(-z) = 1. A share 1 - λ of the negative side
-is demonstrations of the other half that a second classifier, trained there, likes least, and the
-reverse. The learner maximises the risk that g minimises: by trust regions in the paper, by soft
-Q-learning on ℓ(-g) - 1/2 here, whose constant keeps long episodes from paying.
+learner's own rows (-) with a symmetric loss, ℓ(z) + ℓ(-z) = 1. Two classifiers learn from one half
+of the demonstrations each. A share 1 - λ of a classifier's negative side is demonstrations of the
+opposite half, those that the opposite classifier scores lowest. The learner maximises the risk that
+g minimises: by trust regions in the paper, by soft Q-learning on ℓ(-g) - 1/2 here, whose constant
+keeps long episodes from paying.
 
 ILEED (Beliaev et al. 2022, arXiv 2202.01288): demonstrator i acts by ρ_i(s) π(a|s) + (1 - ρ_i(s)) /
-|A| with ρ_i(s) = σ(<f(s), ω_i>); π, f and ω maximise the likelihood. Who drove is itself a claim,
-so here every episode is a demonstrator of its own.
+|A| with ρ_i(s) = σ(<f(s), ω_i>); π, f and ω maximise the likelihood. The driver's name is itself a
+claim, so here every episode counts as a separate demonstrator.
 """
 
 from collections.abc import Sequence
@@ -44,7 +45,13 @@ PSEUDO = 4  # one demonstration of a batch in so many is a pseudo-labelled negat
 
 
 def median_of_means(reward: Rows, target: Rows, strength: Any) -> Float[Array, ""]:
-    """L_reg (Eq 4.4) as the median of its means over blocks (Lerasle & Oliveira 2011)."""
+    """L_reg (Eq 4.4) as the median of its means over blocks (Lerasle & Oliveira 2011).
+
+    Args:
+        reward: r̂ of each row of a batch.
+        target: R(α) of each row.
+        strength: λ.
+    """
     squares = jnp.square(reward - strength * target)
     return jnp.median(jnp.mean(squares.reshape(min(BLOCKS, squares.size), -1), axis=1))
 
@@ -56,7 +63,15 @@ class MediansOfMeans(IQLearn):
 
 
 def confidences(scores: Rows, inside: Bool[Array, " batch"]) -> Rows:
-    """Return the share of a set's rows that score no better; 0 for rows outside the set."""
+    """Return the share of a set's rows that score no better.
+
+    Args:
+        scores: Score of each row of the table.
+        inside: Whether each row belongs to the set.
+
+    Returns:
+        Confidence of each row, 0 outside the set.
+    """
     ordered = jnp.sort(jnp.where(inside, scores, jnp.inf))
     ranks = jnp.searchsorted(ordered, scores, side="right")
     return jnp.where(inside, ranks / jnp.sum(inside), 0.0)
@@ -72,7 +87,8 @@ class ConfidenceWeighted(IQLearn):
         """Draw a network, and weigh the rows of the run's set."""
         state, carry = super().initialise(hyperparameters)
         table: Any = self.table
-        bounds, numbers = table.row_bounds, jnp.arange(len(table.columns.action))
+        bounds = table.row_bounds
+        numbers = jnp.arange(len(table.columns.action))
         number = hyperparameters.dataset
         inside = (numbers >= bounds[number]) & (numbers < bounds[number + 1])
         weights = confidences(score(hyperparameters.weights, table.columns.target), inside)
@@ -81,12 +97,19 @@ class ConfidenceWeighted(IQLearn):
 
 def symmetric_loss(margin: Array) -> Array:
     """ℓ(z): the mean of the normalised logistic loss and the sigmoid loss (RIL-Co's AP loss)."""
-    right, wrong = jax.nn.softplus(-margin), jax.nn.softplus(margin)
+    right = jax.nn.softplus(-margin)
+    wrong = jax.nn.softplus(margin)
     return (right / (right + wrong) + jax.nn.sigmoid(-margin)) / 2
 
 
 def risk(positive: Array, replayed: Array, pseudo: Array) -> Float[Array, ""]:
-    """Half of E[ℓ(g)] of demonstrations and of E[ℓ(-g)] of the negative side's mixture."""
+    """Half of E[ℓ(g)] of demonstrations and of E[ℓ(-g)] of the negative side's mixture.
+
+    Args:
+        positive: g of demonstrations.
+        replayed: g of the learner's own rows.
+        pseudo: g of demonstrations that are labelled as negative.
+    """
     negative = LAMBDA * jnp.mean(symmetric_loss(-replayed))
     negative += (1.0 - LAMBDA) * jnp.mean(symmetric_loss(-pseudo))
     return (jnp.mean(symmetric_loss(positive)) + negative) / 2
@@ -117,7 +140,16 @@ class CoPseudoLabelling(IQLearn):
         return CoNetworks(values, tuple(classifiers))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
-        """Return own transitions, and demonstrations of even and of odd rows; act before."""
+        """Return own transitions, and demonstrations of even and of odd rows; act before.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, whose network acts.
+            carry: Random key, replay and episode.
+
+        Returns:
+            Own rows with the pair of halves, and the next carry.
+        """
         batches, carry = super().draw(hyperparameters, state, carry)
         table: Any = self.table
         key, for_rows = jax.random.split(carry.key)
@@ -128,8 +160,21 @@ class CoPseudoLabelling(IQLearn):
         return (batches.replay, halves), carry._replace(key=key)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
-        """Both classifiers' risks, and half the squared Bellman error of Q on ℓ(-g) - 1/2."""
-        (first, second), run, (own, halves) = network.classifiers, hyperparameters, batch
+        """Both classifiers' risks, and half the squared Bellman error of Q on ℓ(-g) - 1/2.
+
+        Args:
+            network: Q and the two classifiers.
+            target_network: Slow copy of the network, whose Q gives the value of the next
+                observation.
+            batch: Own rows, and demonstrations in two halves.
+            hyperparameters: Numbers of the run.
+
+        Returns:
+            The sum, and the terms "first", "second", "bellman" and "loss".
+        """
+        first, second = network.classifiers
+        run = hyperparameters
+        own, halves = batch
         terms = {}
         for name, learns, labels, (half, other) in (
             ("first", first, second, halves),
@@ -150,7 +195,12 @@ class CoPseudoLabelling(IQLearn):
         return total, terms | {"loss": total}
 
     def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
-        """Return the policy of Q."""
+        """Return the policy of Q.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained networks.
+        """
         record = self.record(hyperparameters)
         return QPolicy.of(state.network.values, hyperparameters.temperature, record)
 
@@ -169,7 +219,13 @@ class Experts(eqx.Module):
 
 
 def expertise(network: Experts, observation: Array, demonstrator: Array) -> Rows:
-    """ρ_i(s) = σ(<f(s), ω_i>)."""
+    """Return ρ_i(s) = σ(<f(s), ω_i>) of each row.
+
+    Args:
+        network: π, f and ω.
+        observation: Observation s of each row.
+        demonstrator: Number i of each row's demonstrator.
+    """
     products = jax.vmap(network.embedding)(observation) * network.skill[demonstrator]
     return jax.nn.sigmoid(jnp.sum(products, axis=1))
 
@@ -183,7 +239,12 @@ class ExpertiseEstimating(BehaviourCloning):
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "ExpertiseEstimating":
-        """Make the learner of sets of demonstrations, and number each set's episodes."""
+        """Make the learner of sets of demonstrations, and number each set's episodes.
+
+        Args:
+            static: Static configuration of all runs.
+            datasets: Sets of demonstrations.
+        """
         plain: Any = super().of(static, datasets)
         numbers = np.concatenate([cast(Any, data).episode for data in datasets])
         most = int(numbers.max()) + 1
@@ -191,13 +252,20 @@ class ExpertiseEstimating(BehaviourCloning):
 
     def network(self, key: Any) -> Experts:
         """Draw π and f; every ω begins at 0, expertise 1/2."""
-        static, (n_features, _) = self.static, self.sizes
+        static = self.static
+        n_features, _ = self.sizes
         shape = (n_features, static.hidden, EMBEDDED, static.activation, static.view)
         embedding = QNetwork.initialise(jax.random.fold_in(key, 1), *shape)
         return Experts(super().network(key), embedding, jnp.zeros((self.most, EMBEDDED)))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
-        """Return rows of the run's set with their demonstrators, and the next carry."""
+        """Return rows of the run's set with their demonstrators, and the next carry.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: Not used.
+            carry: Random key.
+        """
         table: Any = self.table
         key, for_rows = jax.random.split(carry.key)
         bounds = (table.row_bounds[hyperparameters.dataset + side] for side in (0, 1))
@@ -205,7 +273,15 @@ class ExpertiseEstimating(BehaviourCloning):
         return (table.rows(rows), self.demonstrators[rows]), carry._replace(key=key)
 
     def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any):
-        """Negative log-likelihood of the actions under each demonstrator's mixture."""
+        """Negative log-likelihood of the actions under each demonstrator's mixture.
+
+        Args:
+            network: π, f and ω.
+            batch: Rows, and the demonstrator of each row.
+
+        Returns:
+            The mean over the batch, and the same as the term "loss".
+        """
         rows, demonstrator = batch
         logits = jax.vmap(network.policy)(rows.observation)
         chances = jax.nn.softmax(logits)[jnp.arange(len(logits)), rows.action]
@@ -214,5 +290,10 @@ class ExpertiseEstimating(BehaviourCloning):
         return loss, {"loss": loss}
 
     def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
-        """Return the policy that the best demonstrator would have."""
+        """Return the policy that the best demonstrator would have.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained networks.
+        """
         return QPolicy.of(state.network.policy, 1.0, self.record(hyperparameters))

@@ -1,8 +1,8 @@
 """Effect of a malicious minority on learners, with honest and with forged labels (thesis 1, 8.3).
 
 The 7x7 world has the option in which the ego can collide. Labels that are computed again leave the
-honest episodes of a forged set, so all attackers share these trainings; where labels are honest
-nothing is dropped; a learner that reads no label has one training for honest and forged ones.
+honest episodes of a forged set, so all attackers share these trainings; where labels are honest no
+episode is dropped; a learner that reads no label has one training for honest and forged ones.
 """
 
 import dataclasses
@@ -64,10 +64,17 @@ LEARNERS: Mapping[str, Learner] = {
 
 
 def poisons(config: Any, world: str) -> list[Poison]:
-    """Return every contamination of a world; an adaptive forger differs by its labels alone."""
-    attackers, shares = tuple(ATTACKERS), config.shares
+    """Return every contamination of a world; an adaptive forger differs by its labels alone.
+
+    Args:
+        config: Configuration of the study.
+        world: `GRID` or `ROAD`; the latter has one attacker.
+    """
+    attackers = tuple(ATTACKERS)
+    shares = config.shares
     if world == ROAD:
-        attackers, shares = ("hater",), config.road_shares
+        attackers = ("hater",)
+        shares = config.road_shares
     return [
         Poison(attacker, case, share, seed)
         for attacker, case in itertools.product(attackers, CASES)
@@ -78,11 +85,20 @@ def poisons(config: Any, world: str) -> list[Poison]:
 
 
 def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[Row]:
-    """Train every method on every contamination; yield the row of each set and angle."""
+    """Train every method on every contamination; yield the row of each set and angle.
+
+    Args:
+        config: Configuration of the study.
+        world: `GRID` or `ROAD`.
+        ground: Place of that world, from `PLACES`.
+        context: Progress callback; the study has no jobs.
+    """
     recorded: dict[Poison, Demonstrations] = {}
-    wanted, angles = poisons(config, world), tuple[float, ...](config.angles)
+    wanted = poisons(config, world)
+    angles = tuple[float, ...](config.angles)
     for name in config.methods if world == GRID else config.road_methods:
-        method, reads = METHODS[name], "rewards" in METHODS[name].told
+        method = METHODS[name]
+        reads = "rewards" in METHODS[name].told
         sets = list(dict.fromkeys(poison.training(reads) for poison in wanted))
         recorded |= {poison: ground.data(poison) for poison in sets if poison not in recorded}
         arena = ground.arena([recorded[poison] for poison in sets], context.on_stage(name))
@@ -105,7 +121,17 @@ def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[
 
 
 def check_rows(config: Any, grid: Grid, context: Context) -> Iterator[Row]:
-    """Yield the shares of episodes that `data trust` flags, without and with a reference."""
+    """Yield the shares of episodes that `data trust` flags, without and with a reference.
+
+    Args:
+        config: Configuration of the study.
+        grid: Place of the 7x7 world.
+        context: Progress callback; the study has no jobs.
+
+    Yields:
+        A row for each attacker, share and basis, with the shares of honest and of bad episodes
+        flagged.
+    """
     reference = trajectory_datasets(grid.table, [99], max(config.each // 3, 2))[0]
     pairs = itertools.product(ATTACKERS, config.shares)
     every = [(name, share) for name, share in pairs if share or name == "hater"]
@@ -125,7 +151,18 @@ def check_rows(config: Any, grid: Grid, context: Context) -> Iterator[Row]:
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Train, evaluate, audit; find breakdown points and policies that pass."""
+    """Train, evaluate, audit; find breakdown points and policies that pass.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Tables `policies`, `curves`, `breakdown`, `audits` and `checks`, and the summary.
+
+    Raises:
+        UserError: If a world is unknown.
+    """
     comparison.check_names(config, worlds=PLACES)
     places = {world: PLACES[world](config) for world in config.worlds}
     rows = [row for world in places for row in learned(config, world, places[world], context)]
@@ -137,7 +174,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
 
 def curves_of(rows: Sequence[Row]) -> tuple[list[Row], list[Row], list[Row]]:
     """Return means by share, breakdown points, and counts of verdicts."""
-    curves, breakdown, audits = [], [], []
+    curves = []
+    breakdown = []
+    audits = []
     for key, group in groups(rows, "world", "method", "attacker", "case").items():
         label: Row = dict(zip(("world", "method", "attacker", "case"), key, strict=True))
         for (share,), at_share in groups(group, "share").items():
@@ -190,9 +229,11 @@ def _summary(curves: list[Row], breakdown: list[Row], audits: list[Row]) -> dict
         for key in ("method", "attacker", "case"):
             place = place.setdefault(row[key], {})
         if "measure" in row:
-            names, key = ("share", "low", "high"), f"breakdown_{row['measure']}"
+            names = "share", "low", "high"
+            key = f"breakdown_{row['measure']}"
         else:
-            names, key = (*MEASURES, "passing"), f"{100 * row['share']:g}"
+            names = *MEASURES, "passing"
+            key = f"{100 * row['share']:g}"
         place[key] = {name: row[name] for name in names}
     names = ("pass", "fail", "inconclusive", "pass_beyond_margin", "pass_and_collide")
     counted = {
@@ -242,7 +283,8 @@ def _drawn(rows: Sequence[Row], measure: str, title: str, methods: Sequence[str]
     unit, what = (1, "mean regret") if measure == "regret" else (100, "collisions, %,")
     for axes, case, heading in zip(panels, CASES, titles, strict=True):
         for (name,), of_method in groups(matching(rows, case=case), "method").items():
-            number, shares = methods.index(name), [100 * row["share"] for row in of_method]
+            number = methods.index(name)
+            shares = [100 * row["share"] for row in of_method]
             look = {"color": f"C{number}", "marker": "osv^D*Px"[number], "markersize": 4}
             values = [unit * value for value in column(of_method, measure)]
             axes.plot(shares, values, label=METHODS[name].label, **look)

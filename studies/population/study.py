@@ -97,23 +97,37 @@ class RuleFleets:
 def meet(
     config: Meeting, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive fleets of a dial at each angle, and invaders among them; write their rows."""
+    """Drive fleets of a dial at each angle, and invaders among them; write their rows.
+
+    Args:
+        config: Angles, numbers of agents and invaders, density of traffic, and seeds.
+        folder: Folder of the job, to which the rows are written.
+        inputs: Folder of the job that makes the dial.
+    """
     (trained,) = inputs.values()
     dial = DialPolicy.load(trained / DIAL)
-    world, seeds = world_of(config), np.array(config.seeds)
-    uniform = fleet.uniform_fleets(world, dial, config.angles, seeds)
+    world = world_of(config)
+    seeds = np.array(config.seeds)
+    drivers = {angle: dial.at(angle) for angle in config.angles}
+    uniform = fleet.uniform_fleets(world, drivers, seeds)
     rows = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
     write_atomically(folder / "fleets.csv", as_csv(rows))
     if config.invaders:
-        invasions = fleet.invasions(world, dial, uniform, seeds, config.invaders, 0)
+        invasions = fleet.invasions(world, drivers, uniform, seeds, config.invaders, 0)
         write_atomically(folder / "invasions.csv", as_csv(list(invasions)))
 
 
 def drive_rules(
     config: RuleFleets, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive a fleet of each rule; write their rows."""
-    world, everybody = world_of(config), np.zeros((len(config.seeds), config.agents), np.int64)
+    """Drive a fleet of each rule; write their rows.
+
+    Args:
+        config: Names of the rules, number of agents, density of traffic, and seeds.
+        folder: Folder of the job, to which the rows are written.
+    """
+    world = world_of(config)
+    everybody = np.zeros((len(config.seeds), config.agents), np.int64)
     rows = [
         {"rule": name}
         | fleet.summary(fleet.drive(world, [policy(name)], everybody, config.seeds), 0)
@@ -132,7 +146,8 @@ def jobs(config: Config) -> list[Job]:
     """Return the jobs: train by self-play, and drive every dial in each density."""
     listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
     for run in iteration_runs(config, first_rounds=2, times=1, agents=config.agents):
-        name, inputs = f"training/{run.numbers.seed}", ("dials/effects",)
+        name = f"training/{run.numbers.seed}"
+        inputs = ("dials/effects",)
         listed.append(Job(name, train_dial_by_iteration, run, inputs, 900.0))
     for name, source in _dials(config):
         for number, spawn_probability in enumerate(config.spawn_probabilities):
@@ -159,8 +174,18 @@ def _dials(config: Config) -> list[tuple[str, str]]:
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Return fleets and invasions of every dial, the exact game, and where mandates end."""
-    fleets, invasions = list[Row](), list[Row]()
+    """Return fleets and invasions of every dial, the exact game, and where mandates end.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        Tables `fleets`, `rules`, `invasions`, `game` and `mandates`, the summary, and a self-play
+        dial.
+    """
+    fleets = list[Row]()
+    invasions = list[Row]()
     for name, _ in _dials(config):
         for number, spawn_probability in enumerate(config.spawn_probabilities):
             folder = context.work / "meetings" / name / str(number)
@@ -173,7 +198,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
         for number, spawn_probability in enumerate(config.spawn_probabilities)
         for row in from_csv(context.work / "rules" / str(number) / "rules.csv")
     ]
-    game, mandates = list[Row](), list[Row]()
+    game = list[Row]()
+    mandates = list[Row]()
     for temperature in config.temperatures:
         payoffs = CrossingGame(temperature).payoffs(config.angles)
         label = {"temperature": temperature}
@@ -204,8 +230,17 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def game_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
-    """Yield what everybody at an angle gets, and who invades it best."""
-    fitness, stable = norms.invasion_fitness(payoffs.r_env), norms.stable_angles(payoffs.r_env)
+    """Yield the payoff of an angle among its like, and the best invader's gain.
+
+    Args:
+        config: Configuration of the study, whose angles have two or more values.
+        payoffs: Expectations for each pair of angles.
+
+    Yields:
+        A row for each angle.
+    """
+    fitness = norms.invasion_fitness(payoffs.r_env)
+    stable = norms.stable_angles(payoffs.r_env)
     for number, angle in enumerate(config.angles):
         others = [row for row in range(len(config.angles)) if row != number]
         best = max(others, key=lambda row: fitness[row, number])
@@ -221,7 +256,15 @@ def game_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
 
 
 def mandate_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
-    """Yield where each mandated minimum ends, by the share of the drivers who obey."""
+    """Yield where each mandated minimum ends, by the share of the drivers that obey.
+
+    Args:
+        config: Configuration of the study; `minima`, `obeyed` and `angles` are read.
+        payoffs: Expectations for each pair of angles.
+
+    Yields:
+        A row for each minimum and share; everybody obeys a minimum of 0.
+    """
     for minimum in config.minima:
         for obeyed in config.obeyed if minimum else (1.0,):
             rest = norms.mandate(payoffs.r_env, config.angles, minimum, obeyed)

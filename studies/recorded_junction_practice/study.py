@@ -12,10 +12,10 @@ from socialiq import Ending
 from socialiq.audit.evidence.outcomes import Outcomes
 from socialiq.demonstrations import files
 from socialiq.statistics.comparisons import paired_difference
-from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import read_json
 from socialiq.types import Row
 from socialiq_lab.study import Context, Findings
+from socialiq_lab.tables import over_seeds
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from studies.recorded_junction_practice import work as junction
 from studies.recorded_junction_practice.work import Config, jobs
@@ -26,7 +26,15 @@ CLONE = "clone: "  # beginning of the name of a clone, before its mixture's
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Return a row for each driver and angle, and the turn of each mixture's dials."""
+    """Return a row for each driver and angle, and the turn of each mixture's dials.
+
+    Args:
+        config: Configuration of the study.
+        context: Finished jobs and their work folder.
+
+    Returns:
+        Tables `angles`, `turns`, `drivers`, `data` and `practice`, and the summary.
+    """
     work = context.work
     angles: list[Row] = []
     turns: list[Row] = []
@@ -64,17 +72,12 @@ def _row(name: str, runs: Sequence[Outcomes]) -> Row:
     """Return means over episodes and seeds; intervals over episodes, ranges over seeds."""
     row: Row = {"driver": name}
     for column, side in enumerate(_SIDES):
-        of_runs = [run.totals[:, column] for run in runs]
-        values, means = np.mean(of_runs, axis=0), [float(totals.mean()) for totals in of_runs]
-        row |= normal_mean(side, values)
-        row |= {f"{side}_least": min(means), f"{side}_largest": max(means)}
+        row |= over_seeds(side, [run.totals[:, column] for run in runs])
     shares = {
-        "arrival": [run.ending == Ending.ARRIVAL for run in runs],
-        "at_fault": [run.at_fault for run in runs],
-        "struck": [run.struck for run in runs],
-        "timeout": [run.ending == Ending.TIMEOUT for run in runs],
-        "closed_line": [run.ending == Ending.OTHER for run in runs],
+        name: [run.episodes[name] for run in runs]
+        for name in ("arrival", "at_fault", "struck", "timeout")
     }
+    shares["closed_line"] = [run.episodes.ending == Ending.OTHER for run in runs]
     return row | {name: float(np.mean(result)) for name, result in shares.items()}
 
 

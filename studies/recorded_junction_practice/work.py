@@ -12,8 +12,9 @@ from jaxtyping import Bool, Float, Int64
 
 from socialiq import Ending, QPolicy, UserError
 from socialiq.audit.evidence.drive import Course
-from socialiq.audit.evidence.outcomes import Outcomes, Reference
+from socialiq.audit.evidence.outcomes import COLUMNS, Outcomes, Reference
 from socialiq.demonstrations import files as tables
+from socialiq.evaluation.measures import Episodes
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.dial.offline import STAGES
@@ -27,18 +28,22 @@ from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build
+from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.practice import Practice, train_with_practice
-from socialiq_recordings.world.recorded_world import RecordedWorld, WorldConfig
+from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.replay import replay
 
-RECORDED, PRACTISED = MIXTURES = "recorded", "recorded, with practice"
+MIXTURES = ("recorded", "recorded, with practice")
+RECORDED, PRACTISED = MIXTURES
 """The recorded drivers alone, and with what the dials then met while they drove in the world."""
 
-WORLD, HUMAN, DRIVEN = "world.safetensors", "human.safetensors", "driven.safetensors"
+WORLD = "world.safetensors"
+HUMAN = "human.safetensors"
+DRIVEN = "driven.safetensors"
 PRACTICE = "practice.json"
 _SIDE_BY_SIDE = 500
-_KIND, _VERSION = "study-recorded-junction", 1
-_COLUMNS = ("totals", "ending", "contact", "length")
+_KIND = "study-recorded-junction"
+_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,11 @@ class Config:
         check_counts(self, ("episodes",))
 
     def contents(self) -> dict[str, str]:
-        """Return the SHA-256 of each scenario by its file's name; `UserError` without any."""
+        """Return the SHA-256 of each scenario by its file's name.
+
+        Raises:
+            UserError: If no file matches.
+        """
         paths = sorted(Path(self.recordings).glob(self.files))
         if not paths:
             raise UserError(
@@ -140,7 +149,12 @@ def slug(mixture: str) -> str:
 def make_world(
     config: Made, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Make the world and the recorded drivers' demonstrations."""
+    """Make the world and the recorded drivers' demonstrations.
+
+    Args:
+        config: Folder of the recordings, their SHA-256, and the seconds between episodes.
+        folder: Folder of the job, to which world and demonstrations are written.
+    """
     paths = [Path(config.recordings) / name for name in sorted(config.contents)]
     recordings = [imported.recording for path in paths for imported in import_file(path)]
     built = build(recordings, WorldConfig())
@@ -151,7 +165,14 @@ def make_world(
 def train(
     config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
+    """Train a dial and a clone for each seed; the clone is the dial's behaviour policy.
+
+    Args:
+        config: Mixture, seeds, settings and practice.
+        folder: Folder of the job, to which dials, clones and the record of practice are written.
+        inputs: Folder of the job "world", by this name.
+        on_progress: Callback of the finished share, 0 to 1.
+    """
     data = tables.load(inputs["world"] / HUMAN)
     world = RecordedWorld.load(inputs["world"] / WORLD)
     static = dataclasses.replace(config.structure, whole_episode=world.config.decisions)
@@ -166,7 +187,8 @@ def train(
     rounds: list[Row] = []  # what each run met in each round, all angles together
     for seed, episodes_of_run in zip(config.seeds, result.driven, strict=True):
         for number, episodes in enumerate(episodes_of_run, start=1):
-            totals, ends = episodes.totals(), episodes.ending[episodes.ending > 0]
+            totals = episodes.totals()
+            ends = episodes.ending[episodes.ending > 0]
             row = {"seed": seed, "round": number, "episodes": len(totals.env)}
             row |= {"decisions": len(episodes.action), "r_env": float(totals.env.mean())}
             row |= {"r_social": float(totals.social.mean())}
@@ -183,7 +205,13 @@ def train(
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive the dials of a mixture and the clones; without one calibrated and planted drivers."""
+    """Drive the dials and clones of a mixture, or else calibrated and planted drivers.
+
+    Args:
+        config: Seeds of the dials, angles in degrees, and evaluation episodes.
+        folder: Folder of the job, to which the outcomes are written.
+        inputs: Folder of the job "world", and that of the dials if a mixture drives.
+    """
     world = RecordedWorld.load(inputs["world"] / WORLD)
     drivers: list[Reference] = []
     for trained in (path for name, path in inputs.items() if name != "world"):
@@ -199,8 +227,8 @@ def drive(
     course = Course(world, seeds, min(_SIDE_BY_SIDE, len(seeds)))
     arrays = {}
     for driver in drivers:
-        outcomes = course.drive(driver)
-        arrays |= {f"{driver.name}/{name}": getattr(outcomes, name) for name in _COLUMNS}
+        episodes = course.drive(driver).episodes
+        arrays |= {f"{driver.name}/{name}": episodes[name] for name in COLUMNS}
     header = {"drivers": [entry.name for entry in drivers]}
     save_arrays(folder / DRIVEN, _KIND, _VERSION, arrays, header)
 
@@ -210,8 +238,8 @@ def driven(folder: Path) -> dict[str, Outcomes]:
     arrays, header = load_arrays(folder / DRIVEN, _KIND, _VERSION)
     outcomes = {}
     for name in header["drivers"]:
-        columns: Any = (arrays[f"{name}/{column}"] for column in _COLUMNS)
-        outcomes[name] = Outcomes(name, *columns)
+        columns = {column: arrays[f"{name}/{column}"] for column in COLUMNS}
+        outcomes[name] = Outcomes(name, Episodes(columns))
     return outcomes
 
 
@@ -221,7 +249,9 @@ def driven(folder: Path) -> dict[str, Outcomes]:
 _BRAKES = -2.0  # m/s²
 _STANDS = 0.2  # m/s
 _SIDE = 2.5  # m to either side of the ego's route
-_BEHIND, _BEFORE, _MORE = 4.0, 8.0, 0.5  # m, m, s: the strip's length grows with the speed
+_BEHIND = 4.0  # m behind the ego
+_BEFORE = 8.0  # m before the ego
+_MORE = 0.5  # s; the length of the strip grows with the speed
 _PASSED = 1.0  # m; others less far ahead are beside or behind
 _EVERY = 0.5  # s between the moments looked at
 
@@ -229,13 +259,23 @@ _EVERY = 0.5  # s between the moments looked at
 def blocked(
     observation: Float[np.ndarray, "row feature"], seconds: float
 ) -> tuple[Bool[np.ndarray, " row"], Float[np.ndarray, " row"]]:
-    """Return whether another vehicle comes into the strip before the ego in some seconds; m/s."""
+    """Return whether another vehicle comes into the strip before the ego, and the ego's speed.
+
+    Args:
+        observation: Observations of the intersection, (row, feature).
+        seconds: Time to look ahead, s.
+
+    Returns:
+        Whether the strip is blocked, and the speed in m/s, both (row,).
+    """
     vehicles = observation.reshape(len(observation), -1, len(FEATURES))
-    ego, neighbours = vehicles[:, 0], vehicles[:, 1:]
+    ego = vehicles[:, 0]
+    neighbours = vehicles[:, 1:]
     speed = -ego[:, 4] * SPEED_RANGE
     ahead = (ego[:, None, 2] - neighbours[..., 2]) * POSITION_RANGE
     side = neighbours[..., 1] * POSITION_RANGE
-    right, forward = neighbours[..., 3] * SPEED_RANGE, -neighbours[..., 4] * SPEED_RANGE
+    right = neighbours[..., 3] * SPEED_RANGE
+    forward = -neighbours[..., 4] * SPEED_RANGE
     met = np.zeros(len(vehicles), bool)
     for time in np.arange(0.0, seconds + 0.1, _EVERY):
         along = ahead + (forward - speed[:, None]) * time

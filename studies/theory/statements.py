@@ -29,7 +29,9 @@ from socialiq_lab.comparison import GRIDWORLDS
 KINDS = ("instantaneous", "to_go")
 ANGLES = (0.0, 45.0, 90.0)
 _DISCOUNT = 0.9  # of the random worlds
-_N_STATES, _N_ACTIONS, _N_OUTCOMES = 10, 3, 2
+_N_STATES = 10
+_N_ACTIONS = 3
+_N_OUTCOMES = 2
 
 
 class Case(NamedTuple):
@@ -54,7 +56,13 @@ def gridworlds() -> dict[str, Table]:
 def grid_cases(
     worlds: dict[str, Table], kinds: Sequence[str] = KINDS, angles: Sequence[float] = ANGLES
 ) -> list[Case]:
-    """Return the pool of equal numbers of episodes of each expert, at every angle and target."""
+    """Return the pool of equal numbers of episodes of each expert, at every angle and target.
+
+    Args:
+        worlds: Reachable part of each gridworld by name.
+        kinds: Target kinds of the prior.
+        angles: α in degrees.
+    """
     return [
         Case(name, angle, kind, problem_of(reachable, Setting(angle, kind)))
         for name, reachable in worlds.items()
@@ -64,7 +72,15 @@ def grid_cases(
 
 
 def random_cases(seeds: Sequence[int], kinds: Sequence[str] = KINDS) -> list[Case]:
-    """Return random worlds of ten states with three random demonstrators, one for each seed."""
+    """Return random worlds of ten states with three random demonstrators, one for each seed.
+
+    Args:
+        seeds: Seeds of the worlds.
+        kinds: Target kinds of the prior.
+
+    Returns:
+        A case for each seed and kind; all kinds of a seed have the same world.
+    """
     cases = []
     for seed, kind in itertools.product(seeds, kinds):
         rng = np.random.default_rng(seed)
@@ -99,14 +115,15 @@ def log10(value: Any) -> float:
 def minimum_rows(cases: Sequence[Case]) -> list[Row]:
     """Return the errors of the minimum by two certificates, for each case, λ and τ.
 
-    `log10_closed_error` is of the largest distance of r̂ from the closed form, `log10_duality_gap`
-    of the relative difference of dual and primal value. `largest_correction` is the largest
-    addition of the data to m, at most 1 / (2κ).
+    `log10_closed_error` has the largest distance of r̂ from the closed form, `log10_duality_gap`
+    the relative difference of dual and primal value. `largest_correction` is the largest addition
+    of the data to m, at most 1 / (2κ).
     """
     rows = []
     for case, strength, temperature in itertools.product(cases, STRENGTHS, TEMPERATURES):
         problem = dataclasses.replace(case.problem, strength=strength, temperature=temperature)
-        minimum, on = minimise(problem), problem.support
+        minimum = minimise(problem)
+        on = problem.support
         closed = closed_form(problem, minimum.occupancy)
         primal = primal_value(problem, minimum.occupancy)
         gap = dual_value(problem, minimum.loss) - primal
@@ -125,7 +142,8 @@ def reward_rows(cases: Sequence[Case]) -> list[Row]:
     rows = []
     for case in cases:
         minimum = minimise(case.problem)
-        closed, prior = closed_form(case.problem, minimum.occupancy), centre(case.problem)
+        closed = closed_form(case.problem, minimum.occupancy)
+        prior = centre(case.problem)
         for state, action in np.argwhere(case.problem.support):
             row: Row = case.label | {"state": int(state), "action": int(action)}
             row |= {"centre": prior[state, action], "solved": minimum.reward[state, action]}
@@ -160,10 +178,19 @@ def primal_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def shaping_rows(cases: Sequence[Case], targets: Mapping[str, Sequence[Case]]) -> list[Row]:
-    """Return the largest differences of a probability from the policy of instantaneous targets."""
+    """Return the largest differences of a probability from the policy of instantaneous targets.
+
+    Args:
+        cases: Problems with instantaneous targets.
+        targets: The same problems by target kind, each sequence in the order of `cases`.
+
+    Returns:
+        A row for each case and change: five random potentials, and each further target.
+    """
     rows = []
     for number, case in enumerate(cases):
-        problem, rng = case.problem, np.random.default_rng(number)
+        problem = case.problem
+        rng = np.random.default_rng(number)
         base = minimise(problem).policy
         changed = []
         for _ in range(_N_POTENTIALS):
@@ -197,13 +224,16 @@ def offline_rows(cases: Sequence[Case]) -> list[Row]:
     """Compare the objective with conservative Q-learning's plus the constant, at random Q."""
     rows = []
     for number, case in enumerate(cases):
-        problem, rng = case.problem, np.random.default_rng(number)
+        problem = case.problem
+        rng = np.random.default_rng(number)
         selected = np.asarray(problem.support.any(axis=1))
         for _ in range(5):
             draw = rng.normal(scale=3.0, size=problem.support.shape)
-            q, v = np.where(problem.support, draw, -np.inf), np.zeros(problem.mdp.n_states)
+            q = np.where(problem.support, draw, -np.inf)
+            v = np.zeros(problem.mdp.n_states)
             v[selected] = solve.soft_value(q[selected], problem.temperature)
-            loss, compared = problem.loss(q, v), conservative_loss(problem, q, v) + offset(problem)
+            loss = problem.loss(q, v)
+            compared = conservative_loss(problem, q, v) + offset(problem)
             error = log10(loss / compared - 1.0)
             row = {"loss": loss, "conservative": compared, "log10_error": error}
             rows.append(case.label | row)

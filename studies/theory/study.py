@@ -28,10 +28,22 @@ _TIE = 1e-9  # λ of a flip that is a tie in the data
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Solve the exact problems, train networks, and compare both with the theory."""
+    """Solve the exact problems, train networks, and compare both with the theory.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        All tables, and the largest errors, counts and lengths as summary.
+
+    Raises:
+        UserError: If no training seed or no random world is given.
+    """
     if not config.seeds or config.random_worlds < 1:
         raise UserError("the study theory needs a seed and a random world at least")
-    worlds, seeds = statements.gridworlds(), range(config.random_worlds)
+    worlds = statements.gridworlds()
+    seeds = range(config.random_worlds)
 
     def cases(*kinds: str) -> list[statements.Case]:
         grids = statements.grid_cases(worlds, kinds, config.angles)
@@ -103,7 +115,15 @@ def _summary(tables: dict[str, list[Row]], seeds: int) -> dict[str, Any]:
 
 
 def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]:
-    """Return E_ρ[T̄] per unit of mass along λ and its straight line, up to 1.5 times the reach."""
+    """Return E_ρ[T̄] per unit of mass along λ and its straight line, up to 1.5 times the reach.
+
+    Args:
+        cases: Problems of the theory.
+        temperatures: τ in units of reward.
+
+    Returns:
+        A row for each case, τ and step of λ, with the solved `mean_target` and the `line`.
+    """
     rows = []
     for case in cases:
         level = np.where(case.problem.support, case.problem.demonstrated, 0.0)
@@ -147,6 +167,13 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
 
     The search runs from a tenth of the first predicted flip, or of the reach, to ten times the
     last. A cell is empty where no flip is predicted, or none is found.
+
+    Args:
+        cases: Problems of the theory.
+        next_value: Network that gives V(s'), "online" or "target".
+
+    Returns:
+        A row for each case and state with two or more demonstrated actions.
     """
     rows = []
     for case in cases:
@@ -155,7 +182,8 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
         reach = response.reach(*lines)
         predicted = {flip.state: flip for flip in response.flips(*lines)}
         finite = [f.strength for f in predicted.values() if _TIE < f.strength < np.inf]
-        low, high = 0.1 * min([reach, *finite]), 10.0 * max([reach, *finite])
+        low = 0.1 * min([reach, *finite])
+        high = 10.0 * max([reach, *finite])
         steps = int(np.ceil(_PER_OCTAVE * np.log2(high / low))) + 1
         flips = response.found_flips(
             problem, training.SOLVERS[next_value], np.geomspace(low, high, steps).tolist()
@@ -177,7 +205,18 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
 def length_rows(
     table: Table, angles: Sequence[float], strengths: Sequence[float], temperature: float
 ) -> list[Row]:
-    """Return the expected steps of an episode of the exact solution for rows, along λ."""
+    """Return the expected steps of an episode of the exact solution for rows, along λ.
+
+    Args:
+        table: Reachable part of a gridworld.
+        angles: α in degrees.
+        strengths: Values of λ.
+        temperature: τ in units of reward.
+
+    Returns:
+        A row for each angle, target kind and λ, with the lengths of the soft and the greedy policy
+        and of the optimum.
+    """
     rows = []
     for angle in angles:
         reward = score(exact_weights(angle), table.mdp.rewards)

@@ -41,7 +41,12 @@ SOLVERS: dict[str, QSolver] = {
 
 
 def rows_problem(ground: Ground, kind: str) -> Problem:
-    """Return the problem of the networks' rows; flips of advantages are those of rewards."""
+    """Return the problem of the networks' rows; flips of advantages are those of rewards.
+
+    Args:
+        ground: Gridworld of the networks.
+        kind: Target of the networks' prior, from `TARGETS`.
+    """
     return problem_of(ground.part, Setting(ANGLE, _target_kind(kind), measure="rows"))
 
 
@@ -56,9 +61,17 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
     `occupancy` and `rows` are straight lines for τ → 0. `solved` is the exact solution for rows at
     the networks' temperature, as if trained offline; `replay` is the same with the learner's own
     rows in half of term 2, as in the training of the networks.
+
+    Args:
+        ground: Gridworld of the networks.
+        targets: Targets of the prior, from `TARGETS`.
+
+    Returns:
+        A row for each gradient and target; a flip is a value of λ, infinite if there is none.
     """
     predictions = []
-    mdp, horizon = ground.part.mdp, ground.part.world.horizon
+    mdp = ground.part.mdp
+    horizon = ground.part.world.horizon
     for next_value in NEXT_VALUES:
         for kind in targets:
             exact = problem_of(ground.part, Setting(ANGLE, kind))
@@ -80,7 +93,17 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
 def trained_rows(
     ground: Ground, config: Any, datasets: Sequence[Demonstrations], on_stage: StageCallback
 ) -> tuple[list[Row], list[Row]]:
-    """Train every gradient and target; return a row for each run and for each seed's flip."""
+    """Train every gradient and target; return a row for each run and for each seed's flip.
+
+    Args:
+        ground: Gridworld of the networks.
+        config: Configuration of the study.
+        datasets: Demonstrations of each seed.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        Rows of runs, and rows of flips by gradient, target and seed.
+    """
     runs: list[Row] = []
     for next_value in NEXT_VALUES:
         for kind in config.target_kinds:
@@ -145,10 +168,17 @@ def _runs(
 
 
 def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> Demonstrations:
-    """Return the rows with rewards r + γ (1 - d) V(s') - V(s), with V of the pooled policy."""
+    """Return the rows with rewards r + γ (1 - d) V(s') - V(s), with V of the pooled policy.
+
+    Args:
+        ground: Gridworld of the demonstrations.
+        problem: Problem of the networks' rows, which defines the pooled policy and γ.
+        data: Demonstrations.
+    """
     policy = semi_gradient.demonstrated_policy(problem)
     policy = np.where(policy.sum(axis=1, keepdims=True) > 0.0, policy, 1.0 / policy.shape[1])
-    world, reachable = ground.table.world, ground.part
+    world = ground.table.world
+    reachable = ground.part
     row_of_state = np.zeros(ground.table.mdp.n_states, np.int64)
     row_of_state[world.index(reachable.states)] = np.arange(len(reachable.states))
     before = row_of_state[world.index(np.rint(data.observation).astype(np.int64))]
@@ -176,7 +206,15 @@ def _error(row: Row) -> float:
 
 
 def flip_counts(rows: list[Row], next_value: str) -> dict[str, Any]:
-    """Return hits and misses of a gradient, over states and over firsts; ties at λ = 0 apart."""
+    """Return hits and misses of a gradient, over states and over first flips.
+
+    Args:
+        rows: Rows of `flip_rows`.
+        next_value: Network that gives V(s'), "online" or "target".
+
+    Returns:
+        Counts by name; ties at λ = 0 are counted apart.
+    """
     rows = matching(rows, next_value=next_value)
     flips = [row for row in rows if not row["tie"]]
     predicted = [row for row in flips if row["predicted"] != ""]
@@ -280,5 +318,10 @@ def trained_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
 
 
 def bracketed(row: Row, strength: float) -> bool:
-    """Whether λ is between the grid's last value with the baseline's choices and the next."""
+    """Whether λ is between the grid's last value with the baseline's choices and the next.
+
+    Args:
+        row: Row of a seed's first flip, from `trained_rows`.
+        strength: λ that is predicted.
+    """
     return row["first"] != "" and row["below"] != "" and row["below"] < strength <= row["first"]

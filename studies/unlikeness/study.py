@@ -23,32 +23,68 @@ from socialiq.types import Row
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.study import Context, Findings, tracked
 
-STOP, CHANCE = "wait", "stops by chance"
+STOP = "wait"
+CHANCE = "stops by chance"
 """A fallback, and the same in as many decisions whatever is observed."""
 
 
 def disagreement(members: list[QPolicy], rows: np.ndarray) -> np.ndarray:
-    """Return the largest deviation of an action's advantage among policies."""
+    """Return the largest deviation of an action's advantage among policies.
+
+    Args:
+        members: Policies whose values are compared.
+        rows: Observations, (row, feature); each member reads as many features as it has.
+
+    Returns:
+        Standard deviation among the members of the value less its mean over actions, the largest
+        over actions, (row,).
+    """
     values = np.array([member.q_values(rows[:, : member.n_features]) for member in members])
     return (values - values.mean(axis=2, keepdims=True)).std(axis=0).max(axis=1)
 
 
 def scores_of(policy: QPolicy, members: list[QPolicy], rows: np.ndarray) -> dict[str, np.ndarray]:
-    """Return both scores of observations."""
+    """Return both scores of observations.
+
+    Args:
+        policy: Policy with a fitted unlikeness.
+        members: Policies whose disagreement is the second score.
+        rows: Observations, (row, feature).
+
+    Returns:
+        Scores "features" and "ensemble", each (row,).
+    """
     assert policy.unlikeness is not None
     density = policy.unlikeness(policy.features(rows))
     return {"features": density, "ensemble": disagreement(members, rows)}
 
 
 def driven(shift: str, driver: Watched, angle: float, seeds: np.ndarray) -> Row:
-    """Return the share of the decisions by the fallback, endings and J(α) of episodes."""
+    """Return the share of the decisions by the fallback, endings and J(α) of episodes.
+
+    Args:
+        shift: Name of the shift.
+        driver: Policy with its fallback.
+        angle: α in degrees of J(α).
+        seeds: Seed of each episode.
+    """
     episodes = episodes_of(Intersection().shifted(shift).batch(len(seeds)), driver, seeds)
     value = normal_mean("value", score(exact_weights(angle), episodes.totals))
     return {"share": driver.share} | outcome_row(episodes) | value
 
 
 def fallback_rows(config: Any, dial: DialPolicy, policy: QPolicy, *cell: Any) -> Iterator[Row]:
-    """Yield the outcomes of each fallback at each rate, from none of the decisions to all."""
+    """Yield the outcomes of each fallback at each rate, from none of the decisions to all.
+
+    Args:
+        config: Configuration of the study; `fallbacks` and `rates` are read.
+        dial: Dial that serves a fallback which is an angle.
+        policy: Policy that drives, with a fitted unlikeness.
+        *cell: Shift, angle in degrees, and seeds of the episodes.
+
+    Yields:
+        A row for each fallback and rate; `STOP` has a further row for stops by chance.
+    """
 
     def chance(share: float) -> Any:
         rng = np.random.default_rng(0)
@@ -67,11 +103,20 @@ def fallback_rows(config: Any, dial: DialPolicy, policy: QPolicy, *cell: Any) ->
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Fit the score at each angle, compare both by shift, and drive with each fallback."""
+    """Fit the score at each angle, compare both by shift, and drive with each fallback.
+
+    Args:
+        config: Configuration of the study.
+        context: Progress callback; the study has no jobs.
+
+    Returns:
+        Tables `separation` and `fallback`, and the shares of false alarms by angle as summary.
+    """
     check_counts(config, ("episodes",))
     dials = [DialPolicy.load(packaged_results() / name) for name in config.dials]
     blocks = np.array(config.blocks)[:, None] + np.arange(config.episodes)
-    separation, fallback = list[Row](), list[Row]()
+    separation = list[Row]()
+    fallback = list[Row]()
     for angle in config.angles:
         members = [dial.at(angle) for dial in dials]
         plain = Intersection().batch(config.episodes)
@@ -80,9 +125,11 @@ def compute_tables(config: Any, context: Context) -> Findings:
         policy = dataclasses.replace(members[0], unlikeness=density)
         usual = scores_of(policy, members, known)
         for shift in tracked(config.shifts, context.on_stage, f"{angle:g} degrees", "shifts"):
-            batch, label = Intersection().shifted(shift).batch(config.episodes), Row(shift=shift)
+            batch = Intersection().shifted(shift).batch(config.episodes)
+            label = Row(shift=shift)
             label |= {"angle": angle}
-            row, rows = dict(label), observations_of(batch, policy, blocks[2])
+            row = dict(label)
+            rows = observations_of(batch, policy, blocks[2])
             for name, distance in scores_of(policy, members, rows).items():
                 area = mannwhitneyu(distance, usual[name]).statistic
                 threshold = np.quantile(usual[name], 1.0 - USUAL_RATE, method="higher")

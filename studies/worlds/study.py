@@ -15,9 +15,10 @@ from socialiq.results_folder import Results
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.types import Row
-from socialiq.worlds.enumerate import Table, Variant, expert_policy
+from socialiq.worlds.enumerate import Table
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import Variant, expert_policy
 from socialiq_lab.gridworld_runs import sequence
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
@@ -28,7 +29,15 @@ VARIANTS = declaration("worlds")["variants"]
 
 
 def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
-    """Enumerate and solve every named variant of both worlds."""
+    """Enumerate and solve every named variant of both worlds.
+
+    Args:
+        config: Configuration of the study; `episodes` and the first seed are read.
+        context: Not used.
+
+    Returns:
+        Tables of both worlds, and the summary.
+    """
     table = tabulate(make_grid("crossing7"))
     tables = {
         "crossing5_readings": [_crossing5_row(options) for options in VARIANTS["crossing5"]],

@@ -13,8 +13,9 @@ from socialiq.audit.report.folder import MANIFEST, REPORT, STATEMENT, sealed, vi
 from socialiq.audit.report.recompute import audited_of
 from socialiq.audit.report.verify import content_of, read_report
 from socialiq.cli.main import main
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 @pytest.fixture(autouse=True)

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 POLICY = """
 import functools, json, sys, time

@@ -21,8 +21,9 @@ from socialiq.audit.profile.template import declare
 from socialiq.audit.seeds import Commitment, episode_seeds
 from socialiq.cli.main import main
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 EPISODES = 100
 NOON = datetime.datetime(2026, 1, 31, 12, tzinfo=datetime.UTC)

@@ -15,6 +15,7 @@ from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
 from socialiq.audit.verdict.verdict import join_tests, judge
+from socialiq.evaluation.measures import Episodes
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending
 
@@ -34,9 +35,10 @@ def evidence_of(losses: np.ndarray, seed: int, scenario: str = SCENARIO) -> Evid
     rng = np.random.default_rng(10_000 + seed)
     still = np.zeros((len(losses), 2))
     own = np.stack([-losses + 0.1 * rng.normal(size=len(losses)), still[:, 1]], axis=1)
-    ending = np.full(len(losses), Ending.ARRIVAL, np.int8)
+    columns = {"ending": np.full(len(losses), Ending.ARRIVAL), "length": np.ones(len(losses))}
+    columns["contact"] = np.zeros(len(losses))
     drivers = [
-        Outcomes(name, totals, ending, np.zeros_like(ending), np.ones(len(losses), np.int64))
+        Outcomes(name, Episodes(columns, r_env=totals[:, 0], r_social=totals[:, 1]))
         for name, totals in (("policy", own), ("reference", still))
     ]
     return Evidence(scenario, np.arange(len(losses)), drivers[0], (drivers[1],), {})

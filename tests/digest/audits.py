@@ -13,14 +13,12 @@ from unittest import mock
 
 from tests.digest.commands import EXAMPLES, call, collected, junction_file, of_csv
 from tests.digest.digest import Hashes, Item, of_plain
+from tests.digest.files import HALF, SLOW, STILL, prepared
 
 EPISODES = 20
 DATE = "2026-11-26"
 CODE_SHA256 = "8d6c48bb3731481b2d2193e7608cd888c2b9dd69212c2736bf044945921db710"
 CODE = ("--allow-code", "--isolation", "none")
-HALF = "def half(seen):\n    return 0.0 * seen[:, :1] + 0.5\n"
-STILL = "import numpy as np\n\n\ndef still(seen):\n    return np.ones(len(seen), np.int64)\n"
-SLOW = "import numpy as np\n\n\ndef slow(seen):\n    return np.zeros(len(seen), np.int64)\n"
 PROCESS = "process:python3 process_policy.py"
 
 AUDITS: dict[str, tuple[str, str, tuple[str, ...]]] = {
@@ -50,6 +48,26 @@ AUDITS: dict[str, tuple[str, str, tuple[str, ...]]] = {
 }
 """World, policy and further options by name."""
 
+BOUNDED: dict[str, tuple[str, str, tuple[str, ...], tuple[object, ...]]] = {
+    "intersection/shifted": ("intersection", "gap_3s", (), ("--set", "shift=late,noise=1")),
+    "intersection/effects": (
+        "intersection", "idm", (), ("--max-delay", 60, "--max-braking", 2),
+    ),
+    "intersection-crosswalk-bicycles/effects": (
+        "intersection-crosswalk-bicycles", "gap_3s", (),
+        ("--max-waiting", 5, "--max-cyclist-delay", 5, "--max-pedestrian-hit", 0.5),
+    ),
+    "intersection-caused/rule": ("intersection-caused", "gap_3s", (), ()),
+    "merge/effects": (
+        "merge", "python:driver.py:slow", (*CODE, "--reference", "python:driver.py:still"),
+        ("--max-delay", 60),
+    ),
+    "two_way/callable": (
+        "two_way", "python:driver.py:slow", (*CODE, "--reference", "python:driver.py:still"), (),
+    ),
+}  # fmt: skip
+"""World, policy, further options and those of the declaration by name."""
+
 PARTS = ("verdict", "tests", "policy_metrics", "references", "angle", "regret", "floors")
 ORIGIN = ("record", "source", "sha256", "command", "versions", "content_sha256", "provenance")
 
@@ -61,7 +79,31 @@ def without_origin(value: Any) -> Any:
     return [without_origin(one) for one in value] if isinstance(value, list) else value
 
 
-def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Hashes:
+def bounded(
+    world: str,
+    policy: str,
+    more: tuple[str, ...],
+    declared: tuple[object, ...],
+    folder: Path,
+) -> Hashes:
+    """Audit a policy whose declaration has further options."""
+    return audited(world, policy, more, folder, declared)
+
+
+def audited_by_rule(folder: Path) -> Hashes:
+    """Audit a policy that turns its angle, by a declared rule of the angle."""
+    for name in ("context.safetensors", "rule.toml"):
+        shutil.copy(prepared() / name, folder)
+    return audited("crossing5", "context.safetensors", (), folder, ("--angle-rule", "rule.toml"))
+
+
+def audited(
+    world: str,
+    policy: str,
+    more: tuple[str, ...],
+    folder: Path,
+    declared: tuple[object, ...] = (),
+) -> Hashes:
     """Audit a policy with a fixed seed, from a folder that holds the code of drivers.
 
     The hash of a rule covers this package's code, so that its seeds would follow every change of a
@@ -69,10 +111,10 @@ def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Has
     """
     (folder / "driver.py").write_text(f"{SLOW}\n\n{STILL}\n\n{HALF}")
     shutil.copy(EXAMPLES / "policies" / "process_policy.py", folder)
-    rule = mock.patch("socialiq.audit.request.package_sha256", lambda: CODE_SHA256)
+    rule = mock.patch("socialiq.policies.drivers.package_sha256", lambda: CODE_SHA256)
     with contextlib.chdir(folder), rule:
         new = ("profile", "new", "--world", world, "--angle", 45, "--owner", "x")
-        call(*new, "--out", "profile.toml")
+        call(*new, *declared, "--out", "profile.toml")
         declaration = Path("profile.toml")
         dated = re.sub(r"(?m)^date = .*$", f"date = {DATE}", declaration.read_text())
         declaration.write_text(dated)
@@ -86,8 +128,9 @@ def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Has
 
 def audited_expert(world: str, folder: Path) -> Hashes:
     """Audit a table of actions, which is an expert of a gridworld."""
-    from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+    from socialiq.worlds.enumerate import tabulate
     from socialiq.worlds.registry import make_grid
+    from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
     table = tabulate(make_grid(world))
     path = folder / "expert.safetensors"
@@ -121,5 +164,10 @@ ITEMS = [
         Item(f"audit/{name}", functools.partial(audited, *words), NEEDS.get(name, ()))
         for name, words in AUDITS.items()
     ),
+    *(
+        Item(f"audit/{name}", functools.partial(bounded, *words), NEEDS.get(name, ()))
+        for name, words in BOUNDED.items()
+    ),
+    Item("audit/crossing5/rule", audited_by_rule),
     Item("audit/recorded-junction/callable", audited_at_junction, ("shapely",)),
 ]

@@ -4,14 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tests.digest import audits, learners, readers, saved, studies, traces
+from tests.digest import (
+    audits,
+    batches,
+    junctions,
+    learners,
+    pages,
+    prints,
+    readers,
+    rollouts,
+    saved,
+    studies,
+    traces,
+)
 from tests.digest.digest import Item
 
 ITEMS: list[Item] = [
     *traces.ITEMS,
+    *batches.ITEMS,
+    *rollouts.ITEMS,
+    *junctions.ITEMS,
     *readers.ITEMS,
     *saved.ITEMS,
     *audits.ITEMS,
+    *prints.ITEMS,
+    *pages.ITEMS,
     *learners.ITEMS,
     *studies.ITEMS,
 ]

@@ -10,6 +10,7 @@ from tests.digest.commands import (
     actions_of,
     call,
     collected,
+    junction_file,
     networks_of,
     observations,
     of_networks,
@@ -69,7 +70,12 @@ CONTINUOUS: dict[str, tuple[object, ...]] = {
     "td3-bc": ("td3-bc", *SMALL),
     "behaviour-cloning": ("behaviour-cloning", *SMALL),
     "standardised": ("iq-learn", *OFFLINE, "--standardise"),
-}
+    "preset/iq-learn": (
+        "iq-learn", *SMALL, "--preset", "intersection-continuous",
+        "--world", "intersection-continuous",
+    ),
+    "iq_learn-dial": ("iq-learn", *OFFLINE, "--set", "dial=true"),
+}  # fmt: skip
 """Learner and options, with demonstrations of continuous actions."""
 
 WITHOUT_DATA: dict[str, tuple[object, ...]] = {
@@ -89,6 +95,93 @@ DIALS: dict[str, tuple[object, ...]] = {
     "pair": ("--preset", "online", "--set", "heads=pair", "backup=double", *DIAL, *ACTS),
 }
 """Options of `train dial` or `train offline-dial` in the 7x7 world, by name of the item."""
+
+
+ROAD_DATA = (
+    "--driver", "a=results/intersection/atlas/prosocial.safetensors",
+    "--driver", "b=results/intersection/atlas/egoistic.safetensors",
+)  # fmt: skip
+"""Drivers of demonstrations on the road."""
+
+ON_ROADS: dict[str, tuple[object, ...]] = {
+    **{
+        f"iq_learn/preset/{name}": ("iq-learn", *OFFLINE, "--preset", name)
+        for name in ("intersection-thesis", "intersection-calibrated")
+    },
+    "iq_learn/preset/intersection-shifted": (
+        "iq-learn", *SMALL, "--preset", "intersection-shifted",
+        "--world", "socialiq/Intersection-v1",
+    ),
+    **{
+        f"view/{view}": ("behaviour-cloning", *SMALL, "--set", f"view={view}")
+        for view in ("flat_relative_scaled", "set_ahead")
+    },
+}  # fmt: skip
+"""Learner and options, with demonstrations of the intersection."""
+
+ACTED = ("--updates", 4, "--hidden", 8, "--set", "environments=2", "replay_batch=8")
+LABELLED = (
+    "--updates", 2, "--environments", 4, "--set", "states_per_update=2", "batch_size=8",
+    "first_rounds=1",
+)  # fmt: skip
+CLOCK_DIAL = "results/intersection-dial-clock/iterated.safetensors"
+
+ALONE: dict[str, tuple[object, ...]] = {
+    "dial/online-classes": (
+        "dial", "--world", "crosswalk7", "--preset", "online-classes", *ACTED,
+    ),
+    "dial/intersection": ("dial", "--world", "intersection", *ACTED, "demonstrations=false"),
+    "dial/merge": ("dial", "--world", "merge", *ACTED, "demonstrations=false"),
+    "improve-dial/intersection": ("improve-dial", CLOCK_DIAL, *LABELLED),
+    "improve-dial/caused": (
+        "improve-dial", CLOCK_DIAL, "--world", "intersection-caused", *LABELLED,
+    ),
+    "improve-dial/fleet": ("improve-dial", CLOCK_DIAL, "--agents", 3, *LABELLED),
+    "improve-dial/shifted": (
+        "improve-dial", CLOCK_DIAL, "--shift", "none or late", "straight", *LABELLED,
+    ),
+    "improve-dial/bicycles": (
+        "improve-dial", "--world", "intersection-crosswalk-bicycles", *LABELLED,
+    ),
+    "continuous/preset/sac": (
+        "sac", "--world", "intersection-continuous", "--preset", "intersection-continuous", *SMALL,
+    ),
+}  # fmt: skip
+"""Words of trainings without demonstrations."""
+
+OWN = """
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from socialiq import Learner
+
+
+@dataclasses.dataclass(frozen=True)
+class Numbers:
+    angle: float = 0.0
+    strength: float = 1.0
+    learning_rate: float = 1e-3
+    polyak: float = 0.01
+    seed: int = 0
+    dataset: int = 0
+
+
+class Weighted(Learner):
+    name = "weighted"
+    Hyperparameters = Numbers
+
+    def loss(self, network, target_network, batch, hyperparameters):
+        pair, weights = batch.target, hyperparameters.weights
+        score = weights.env * pair.env + weights.social * pair.social
+        counts = jax.nn.softmax(hyperparameters.strength * score)
+        logits = jax.nn.log_softmax(jax.vmap(network)(batch.observation))
+        taken = jnp.take_along_axis(logits, batch.action[:, None], axis=1)[:, 0]
+        likelihood = -jnp.sum(counts * taken)
+        return likelihood, {"likelihood": likelihood, "loss": likelihood}
+"""
+"""A learner of a user, as docs/extend.md has it."""
 
 
 def hashes_of(folder: Path, sizes: tuple[int, int], angle: float | None) -> Hashes:
@@ -145,7 +238,52 @@ def dialled_alone(folder: Path) -> Hashes:
     return hashes_of(folder / "run", grid_sizes(True), 30.0)
 
 
+def trained_on_road(words: tuple[object, ...], folder: Path) -> Hashes:
+    """Train with demonstrations of the intersection."""
+    data = folder / "data.safetensors"
+    call("collect", "socialiq/Intersection-v1", *ROAD_DATA, "--episodes", 3, "--out", data)
+    learner, *options = words
+    call("train", learner, data, *options, "--out", folder / "run")
+    return of_networks(folder / "run")
+
+
+def trained_alone(words: tuple[object, ...], folder: Path) -> Hashes:
+    """Train in a world without demonstrations."""
+    call("train", *words, "--out", folder / "run")
+    return of_networks(folder / "run")
+
+
+def trained_by_own(folder: Path) -> Hashes:
+    """Train by a learner of a user's file."""
+    (folder / "mine.py").write_text(OWN)
+    data = collected(folder, "crossing7")
+    words = ("--updates", 6, "--hidden", 8, "--set", "batch_size=8", *ANGLES, "--allow-code")
+    call("train", "own", f"{folder / 'mine.py'}:Weighted", data, *words, "--out", folder / "run")
+    return hashes_of(folder / "run", grid_sizes(), None)
+
+
+def trained_by_practice(folder: Path) -> Hashes:
+    """Train a dial of a recorded junction that practises there."""
+    world = junction_file(folder)
+    (recording,) = (folder / "imported").glob("*.safetensors")
+    call("data", "demonstrations", recording, "--out", folder / "data.safetensors")
+    words = ("--updates", 4, "--hidden", 8, "--rounds", 1, "--episodes", 2)
+    data = folder / "data.safetensors"
+    call("train", "practised-dial", data, "--world", world, *words, "--out", folder / "run")
+    return of_networks(folder / "run")
+
+
 ITEMS = [
+    *(
+        Item(f"learner/{name}", functools.partial(trained_on_road, words))
+        for name, words in ON_ROADS.items()
+    ),
+    *(
+        Item(f"learner/{name}", functools.partial(trained_alone, words))
+        for name, words in ALONE.items()
+    ),
+    Item("learner/own", trained_by_own),
+    Item("learner/practised-dial", trained_by_practice, ("shapely",)),
     *(
         Item(
             f"learner/iq_learn/{name}",

@@ -47,6 +47,49 @@ def imported_example(folder: Path) -> Hashes:
     return of_files(folder / "out")
 
 
+def imported_layout(layout: str, folder: Path) -> Hashes:
+    """Write the tracks of two cars in the layout of a data set, and import them."""
+    from benchmarks.recordings import write_csv
+    from tests.fuzz.samples import COLUMNS
+
+    from socialiq_recordings import files
+
+    head = "who,frame,x,y,heading,vx,vy,length,width,class"
+    rows = [
+        f"{who},{frame},{frame / 2},{4 * who},0.0,5.0,0.0,4.5,1.8,Car"
+        for who in (1, 2)
+        for frame in range(30)
+    ]
+    (folder / "mine.csv").write_text("\n".join([head, *rows]) + "\n")
+    (folder / "columns.toml").write_text(COLUMNS)
+    columns = ("--columns", folder / "columns.toml")
+    call("data", "import", "csv", folder / "mine.csv", *columns, "--out", folder / "mine")
+    (recording,) = (folder / "mine").glob("*.safetensors")
+    written = write_csv(files.load(recording).tracks, layout, folder)
+    call("data", "import", "csv", written, "--columns", layout, "--out", folder / "out")
+    return of_files(folder / "out")
+
+
+def imported_highd(folder: Path) -> Hashes:
+    """Import a file in the layout of highD, whose boxes have a corner and whose y points down."""
+    head = "frame,id,x,y,width,height,xVelocity,yVelocity"
+    rows = [
+        f"{frame},{number},{20 * number + 1.2 * frame},{4.0 * number},4.6,1.9,30.0,0.0"
+        for number in (1, 2)
+        for frame in range(1, 26)
+    ]
+    tables = {
+        "tracks": [head, *rows],
+        "tracksMeta": ["id,class", "1,Car", "2,Truck"],
+        "recordingMeta": ["frameRate", "25"],
+    }
+    for name, lines in tables.items():
+        (folder / f"01_{name}.csv").write_text("\n".join(lines) + "\n")
+    path = folder / "01_tracks.csv"
+    call("data", "import", "csv", path, "--columns", "highd", "--out", folder / "out")
+    return of_files(folder / "out")
+
+
 def of_files(folder: Path) -> Hashes:
     """Hash the arrays of each file in a folder."""
     paths = sorted(folder.glob("*.safetensors"))
@@ -73,6 +116,11 @@ ITEMS = [
         Item(f"reader/{name}", functools.partial(imported, words), ("shapely",), quick=True)
         for name, words in RECORDINGS.items()
     ),
+    *(
+        Item(f"reader/{name}", functools.partial(imported_layout, name), quick=True)
+        for name in ("interaction", "ngsim")
+    ),
+    Item("reader/highd", imported_highd, quick=True),
     Item("reader/commonroad-example", imported_example, ("shapely",)),
     *(
         Item(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import functools
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from safetensors.numpy import load_file
-from tests.digest.commands import EXAMPLES, actions_of, observations, of_csv
-from tests.digest.digest import Hashes, Item, of_array, of_arrays
+from tests.digest.commands import EXAMPLES, actions_of, call, observations, of_csv
+from tests.digest.digest import Hashes, Item, of_array, of_arrays, of_plain
 
 POLICIES = ("policy", "ensemble", "dial", "context", "table")
 COMMITTED = {
@@ -94,13 +95,124 @@ def actors(_folder: Path) -> Hashes:
     return hashes
 
 
+def forms(_folder: Path) -> dict[str, Any]:
+    """Return a small object of every saved form that acts, by its kind."""
+    import jax
+    from tests.fuzz.samples import RULE
+
+    from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+    from socialiq.nn.class_dial import ClassDial
+    from socialiq.nn.dial_network import DialNetwork
+    from socialiq.nn.dial_policy import DialPolicy
+    from socialiq.nn.ensemble import EnsemblePolicy
+    from socialiq.nn.q_policy import QPolicy
+    from socialiq.social.angle_rule import load_rule
+    from socialiq.worlds.enumerate import tabulate
+    from socialiq.worlds.registry import make_grid
+    from socialiq.worlds.situation import ContextPolicy
+    from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+
+    grid = make_grid("crossing5")
+    features = grid.n_features
+    random = np.random.default_rng(0)
+
+    def layers(inputs: int, outputs: int) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        shapes = [(4, inputs), (outputs, 4)]
+        weights = tuple(random.normal(size=shape).astype(np.float32) for shape in shapes)
+        return weights, tuple(np.zeros(shape[0], np.float32) for shape in shapes)
+
+    policies = [QPolicy(*layers(features, 2), "relu", 1.0) for _ in range(2)]
+    network = DialNetwork.initialise(jax.random.key(0), features, (4,), 2)
+    dial = DialPolicy.of(network, 1.0, 0.0, 90.0, {})
+    rule = _folder / "rule.toml"
+    rule.write_text(RULE)
+    return {
+        "policy": policies[0],
+        "ensemble": EnsemblePolicy.of(policies),
+        "dial": dial,
+        "class-dial": ClassDial(QPolicy(*layers(features + 3, 2), "relu", 1.0), 0.0, 90.0),
+        "actor": ActorPolicy(*layers(features, 4), "elu", 2),
+        "actor-dial": ActorDial(ActorPolicy(*layers(features + 2, 2), "relu", 1), 0.0, 90.0),
+        "context-policy": ContextPolicy.of(dial, load_rule(rule)),
+        "table": TabularPolicy(grid, expert_policy(tabulate(grid), 30.0)),
+    }
+
+
+def reloaded(kind: str, folder: Path) -> Hashes:
+    """Write a form and read it; hash the file's arrays and what the form does that was read."""
+    import socialiq
+
+    form = forms(folder)[kind]
+    path = folder / "form.safetensors"
+    form.save(path)
+    states = np.array(socialiq.tabulate(socialiq.make("crossing5")).states, np.float32)
+    read = type(form).load(path)
+    hashes = {"arrays": of_arrays(load_file(path), True)}
+    read = read.of_class(60.0) if kind == "class-dial" else read
+    read = read.at(30.0) if kind.endswith("dial") else read
+    actions, _ = read.predict(states, deterministic=True)
+    chances = getattr(read, "probabilities", actions)
+    chances = chances(states) if callable(chances) else chances
+    return hashes | {"actions": of_array(actions), "chances": of_array(chances)}
+
+
+def demonstrations(folder: Path) -> Hashes:
+    """Hash files of demonstrations of discrete and continuous actions, and with a clock."""
+    calls = {
+        "discrete": ("crossing5", "--episodes", 2),
+        "clock": ("crossing5", "--episodes", 2, "--clock"),
+        "continuous": (
+            "intersection-continuous", "--driver", "idm", "--driver", "go", "--episodes", 2,
+        ),
+    }  # fmt: skip
+    from socialiq.demonstrations import files
+
+    hashes = {}
+    for name, (world, *words) in calls.items():
+        path = folder / f"{name}.safetensors"
+        call("collect", world, *words, "--out", path)
+        data = files.load(path, continuous=name == "continuous")
+        totals = data.totals()
+        columns = {"r_env": totals.env, "r_social": totals.social, "ending": data.ending}
+        hashes[name] = of_plain([of_arrays(load_file(path)), of_arrays(columns)])
+    return hashes
+
+
+def class_dials(_folder: Path) -> Hashes:
+    """Hash the actions of the committed dials of two angles at several of them."""
+    from socialiq.nn.class_dial import ClassDial
+    from socialiq.storage import packaged_results
+
+    hashes = {}
+    for name in ("crosswalk", "crosswalk-intersection"):
+        dial = ClassDial.load(packaged_results() / name / "dial.safetensors")
+        states = observations(dial.n_features, 256)
+        if name == "crosswalk":
+            states = np.abs(np.rint(2.0 * states)).astype(np.float32)
+        rows = [
+            dial.of_class(of_class).at(angle).predict(states, deterministic=True)[0]
+            for of_class in (0.0, 45.0, 90.0)
+            for angle in (0.0, 45.0, 90.0)
+        ]
+        hashes[f"{name}/predict"] = of_array(np.array(rows))
+    return hashes
+
+
 def foreign(name: str, _folder: Path) -> Hashes:
     """Hash the actions of a policy that another library saved."""
     path = EXAMPLES / "policies" / name
     return {"predict": actions_of(path, (70, 3), None, observations(70, 256))}
 
 
+FORMS = (
+    "policy", "ensemble", "dial", "class-dial", "actor", "actor-dial", "context-policy", "table",
+)  # fmt: skip
+"""Kinds of files that hold a policy."""
+
 ITEMS = [
+    *(Item(f"form/{kind}", functools.partial(reloaded, kind), quick=True) for kind in FORMS),
+    Item("form/demonstrations", demonstrations, quick=True),
+    Item("saved/class-dials", class_dials, quick=True),
     Item("saved/content", contents, ("shapely",), quick=True),
     Item("saved/samples", predictions, ("shapely",), quick=True),
     Item("saved/committed", committed, quick=True),

@@ -8,10 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from safetensors.numpy import load_file
 from tests.digest.digest import DIGITS, Hashes, Item, differences, of_arrays, of_plain
 
 from socialiq.learners.callbacks import Report
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq_lab.jobs import Job, do, fingerprints, open_jobs
 from socialiq_lab.registry import STUDIES, declaration
 
@@ -73,8 +75,21 @@ def hashes_of(results: Any, work: Path, digits: int = DIGITS) -> Hashes:
         hashes["files"] = of_plain(sorted(results.files))
     networks = sorted(work.rglob("*.safetensors"))
     if networks:
-        hashes["networks"] = of_plain(sorted(of_arrays(load_file(path)) for path in networks))
+        hashes["networks"] = of_plain(sorted(of_arrays(arrays_in(path)) for path in networks))
     return hashes
+
+
+def arrays_in(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a file; columns of episodes by their names in version 1 of the file."""
+    arrays = load_file(path)
+    if "classical_own" not in arrays:
+        return arrays
+    names = {"r_env": "totals_env", "r_social": "totals_social"}
+    names |= {"classical_own": "classical_env", "classical_others": "classical_social"}
+    for stacked, prefix in (("signals", "signal"), ("active", "active")):
+        columns = [arrays.pop(f"{prefix}_{name}") for name in SIGNALS]
+        arrays[stacked] = np.stack(columns, axis=1)
+    return {names.get(name, name): column for name, column in arrays.items()}
 
 
 def differs(name: str, results: Any, work: Path) -> list[str]:

@@ -18,6 +18,7 @@ from socialiq.worlds.intersection.options import (
     Options,
 )
 from socialiq.worlds.intersection.reference import IntersectionEnv, environment_config
+from socialiq.worlds.intersection.world import Intersection
 
 EPISODES = 30  # of each population and lane mode
 COUNTS = ("episodes", "steps", "off_road")
@@ -70,6 +71,26 @@ def test_bits_are_equal_with_several_agents(agents, connected):
     assert status == 0
 
 
+@pytest.mark.parametrize(
+    ("flags", "steps"),
+    [
+        (["--scene", "merge", "--actions", "continuous"], 60),
+        (["--scene", "two_way", "--actions", "continuous"], 30),
+        (["--scene", "merge", "--actions", "continuous_steering"], 90),
+        (["--scene", "roundabout", "--actions", "continuous_steering"], 40),
+        (["--scene", "two_way", "--actions", "continuous_steering"], 70),
+        (["--agents", 3, "--actions", "continuous"], 40),
+        (["--agents", 4, "--actions", "continuous_steering", "--connected"], 40),
+    ],
+    ids=str,
+)
+def test_bits_of_other_continuous_actions_are_equal(flags, steps):
+    status, found = conformance("--episodes", 12, "--seed", 36_000, *flags)
+    assert found["episodes"] == 12 and found["steps"] > steps
+    assert [found[name] for name in found if name not in COUNTS] == [0] * 4
+    assert status == 0
+
+
 @pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
 @pytest.mark.parametrize("version", [0, 1, 2])
 def test_the_registered_environments_have_this_class_and_these_options(version):
@@ -112,13 +133,14 @@ def test_default_numpy_has_no_discrete_difference():
 
 def changed_in_core(monkeypatch, options, **change):
     """Compare a core that has other options than highway-env."""
-    real = conformance_module.Batch
+    real = Intersection.batch
 
-    def batch(options, size, back_end="core"):
-        options = dataclasses.replace(options, **change) if back_end == "core" else options
-        return real(options, size, back_end=back_end)
+    def batch(world, size, back_end="core"):
+        if back_end == "core":
+            world = dataclasses.replace(world, options=dataclasses.replace(options, **change))
+        return real(world, size, back_end=back_end)
 
-    monkeypatch.setattr(conformance_module, "Batch", batch)
+    monkeypatch.setattr(Intersection, "batch", batch)
     return list(conformance_module.compare_intersection(options, 4, 0))
 
 

@@ -33,10 +33,9 @@ from socialiq.policies.export import as_torch_module, state_dict, to_onnx, to_sa
 from socialiq.policies.front_end import FrontEndPolicy
 from socialiq.policies.load import load_policy
 from socialiq.storage import packaged_results
+from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.perception import FrontEnd
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 
 DECISIONS = 10_000
 
@@ -44,7 +43,7 @@ DECISIONS = 10_000
 @pytest.fixture(scope="module")
 def intersection():
     """Observations of the atlas' egoist: 10,000 of real episodes."""
-    batch, seen = Batch(Options(), 128), []
+    batch, seen = Intersection().batch(128), []
 
     class Watched:
         def predict(self, observation, state=None, episode_start=None, deterministic=True):

@@ -9,12 +9,12 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
+from socialiq.worlds.highway.core import drivers
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.options import Contact
-from socialiq.worlds.intersection.core import traffic as ego_kernels
-from socialiq.worlds.intersection.core.geometry import LANES
+from socialiq.worlds.intersection.core.geometry import LANES, ROAD
 from socialiq.worlds.intersection.options import POPULATIONS, ContinuousOptions, Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
@@ -30,7 +30,7 @@ from socialiq.worlds.intersection.reference import (
 
 SEEDS = range(6)
 
-arrived = for_python(ego_kernels.arrived)
+arrived = for_python(drivers.arrived)
 
 
 @pytest.fixture(scope="module", params=POPULATIONS)
@@ -57,7 +57,7 @@ def touched_by(world):
 
 def ended(world):
     """Whether it is terminated, and truncated, by all that an engine reads of it."""
-    terminated = crashed(world) or arrived(world.after[ego_of(world.after)], 0)
+    terminated = crashed(world) or arrived(world.after[ego_of(world.after)], ROAD)
     return terminated, world.environment.time >= world.environment.config["duration"]
 
 
@@ -78,7 +78,7 @@ def assert_same_episode(world, plain, seed):
         np.testing.assert_array_equal(found, observation.ravel())
         assert ended(world) == (terminated, truncated)
         assert (crashed(world), world.environment.time) == (info["crashed"], plain.time)
-        assert arrived(world.after[ego_of(world.after)], 0) == plain.has_arrived(plain.vehicle)
+        assert arrived(world.after[ego_of(world.after)], ROAD) == plain.has_arrived(plain.vehicle)
 
 
 @pytest.mark.parametrize("connected_lanes", [False, True])
@@ -312,7 +312,7 @@ def test_the_road_ends_where_highway_env_says(action, ends):
     options = ContinuousOptions(actions="continuous_steering", offroad_terminal=ends)
     plain = IntersectionEnv(config=environment_config(options))
     assert plain.config["offroad_terminal"] is ends
-    core, left = Batch(options, 1), []
+    core, left = Intersection(options).batch(1), []
     for seed in SEEDS[:3]:
         core.reset([seed])
         plain.reset(seed=seed)
@@ -333,13 +333,15 @@ def test_the_road_ends_where_highway_env_says(action, ends):
 
 def test_an_ending_is_read_from_highway_env():
     options = ContinuousOptions(actions="continuous_steering", offroad_terminal=True)
-    real = Batch(options, 1, back_end="highway_env")
+    real = Intersection(options).batch(1, back_end="highway_env")
     real.reset([0])
     (row,) = real.real.rows
     row.environment.config["offroad_terminal"] = False
     made = real.step(np.array([[0.0, 1.0]]), auto_reset=False)
     assert made.off_road[0] and made.ending[0] == Ending.NONE
-    real = Batch(ContinuousOptions(actions="continuous_steering"), 1, back_end="highway_env")
+    real = Intersection(ContinuousOptions(actions="continuous_steering")).batch(
+        1, back_end="highway_env"
+    )
     real.reset([0])
     (row,) = real.real.rows
     row.environment.config["offroad_terminal"] = True

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from tests.patience import HANG, LONGER, wait_until
 
+from socialiq import isolation
 from socialiq.errors import UserError
-from socialiq.policies import isolation
-from socialiq.policies.isolation import DISK, isolation_of
+from socialiq.isolation import DISK, isolation_of
 from socialiq.policies.load import load_policy
 from socialiq.policies.process import GIB, Limits
 
@@ -173,7 +173,7 @@ def test_nothing_that_it_starts_survives(tmp_path):
 PARENT = f"""
 import sys, time
 from socialiq.policies.load import load_policy
-from socialiq.policies.isolation import isolation_of
+from socialiq.isolation import isolation_of
 load_policy("process:" + sys.argv[1], 2, 3, isolation=isolation_of("required"))
 print("loaded", flush=True)
 time.sleep({LONGER})

@@ -20,8 +20,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.policies.load import load_policy
 from socialiq.policies.onnx_load import ROWS
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "policies"
 RANDOM = np.random.default_rng(0)
@@ -279,7 +278,7 @@ def test_an_audit_of_the_intersection_asks_for_hundreds_of_actions_at_once():
         return policy.decide(observations, *more)
 
     counting = dataclasses.replace(policy, decide=counted)
-    episodes = episodes_of(Batch(Options(), 512), counting, np.arange(5_000))
+    episodes = episodes_of(Intersection().batch(512), counting, np.arange(5_000))
     assert np.mean(asked) > 256
     assert len(episodes.ending) == 5_000 and (episodes.ending > 0).all()
 

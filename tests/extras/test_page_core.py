@@ -17,7 +17,7 @@ from socialiq.page.webassembly.layout import CORE
 from socialiq.storage import packaged_results, read_json
 from socialiq.worlds.intersection.options import FleetOptions, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.registry import WITH_CYCLISTS, make
+from socialiq.worlds.registry import make
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
 
@@ -47,20 +47,21 @@ def test_options_reach_it():
 
 
 def test_people_are_the_same_and_the_shown_episode_is_that_of_the_dial():
-    options, shown = make(WITH_CYCLISTS).options, read_json(packaged_results() / EPISODE)
+    options, shown = (
+        make("intersection", people=0.1, cyclists=0.1).options,
+        read_json(packaged_results() / EPISODE),
+    )
     mine = native(options, SEEDS, policy("gap_3s"))
     theirs = in_node(options, SEEDS, mine.actions)
     found = compared(mine, theirs)
     assert found.same_endings == len(SEEDS)
     assert found.equal_observations >= 0.95 * found.observations
-    legs = theirs.arrays["vehicles"]["leg"][:, :, options.first_walker :]
-    assert len(np.unique(legs)) == 4
+    assert len(np.unique(theirs.arrays["people"]["state"])) == 4
     for driver in shown["drivers"]:
         actions, waited, _ = driven(driver["class_angle"], np.array([shown["seed"]]))
         assert actions[:, 0].tolist() == driver["actions"]
-        replayed = in_node(options, np.array([shown["seed"]]), actions).arrays["vehicles"]
-        delay = replayed["max_acceleration"][-1, 0, options.first_walker : -options.riders].sum()
-        assert delay == pytest.approx(waited[0])
+        people = in_node(options, np.array([shown["seed"]]), actions).arrays["people"][-1, 0]
+        assert people["delay"][people["kind"] == 0].sum() == pytest.approx(waited[0])
 
 
 @pytest.mark.parametrize("name", ["gap_3s", "random"])

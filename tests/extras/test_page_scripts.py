@@ -22,7 +22,7 @@ from socialiq.population.fleet import drive
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
 
@@ -36,7 +36,7 @@ def node(script, *words):
 
 def seen_by(dial, angle, episodes):
     """All that the dial at an angle observes in some episodes that it drives."""
-    batch, policy = Batch(Options(), episodes), dial.at(angle)
+    batch, policy = Intersection().batch(episodes), dial.at(angle)
     batch.reset(np.arange(50_000_000, 50_000_000 + episodes))
     alive, seen = np.ones(episodes, bool), []
     while alive.any():

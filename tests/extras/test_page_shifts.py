@@ -12,10 +12,9 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.data import FAMILY, STUDY
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results
+from socialiq.worlds.highway.shifts import shift_of
 from socialiq.worlds.intersection.options import IDLE, Options
-from socialiq.worlds.intersection.perception import FrontEnd
-from socialiq.worlds.intersection.shifted import ShiftedBatch
-from socialiq.worlds.intersection.shifts import shift_of
+from socialiq.worlds.intersection.world import Intersection
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
 
@@ -28,8 +27,7 @@ SLOW.append(("latency=2,unseen=0.5,noise=5", False))
 
 def driven(shift, front):
     """Episodes of the dial at 45 degrees: what was there, was shown and was decided; endings."""
-    known = FrontEnd.of("known", [shift], Options()) if front else None
-    batch = ShiftedBatch(Options(), len(SEEDS), choices=[shift], front_end=known)
+    batch = Intersection().shifted(str(shift), "known" if front else "").batch(len(SEEDS))
     dial, ending = DialPolicy.load(DIAL).at(45.0), np.zeros(len(SEEDS), int)
     episodes = [{"observations": [], "shown": [], "decided": []} for _ in SEEDS]
     batch.reset(SEEDS)

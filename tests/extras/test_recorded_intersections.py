@@ -13,7 +13,7 @@ from socialiq_recordings import census
 from socialiq_recordings.identity.identify import identify
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.recorded_world import WorldConfig
+from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.replay import replay
 
 RESULTS = Path(__file__).parents[2] / "results" / "recordings"

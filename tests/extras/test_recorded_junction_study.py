@@ -45,5 +45,5 @@ def test_world_demonstrations_and_rules_are_those_of_the_results(tmp_path: Path)
         found, theirs = course.drive(one), wanted[one.name]
         assert found.mean.env == pytest.approx(theirs["r_env"], abs=1e-3), one.name
         assert found.mean.social == pytest.approx(theirs["r_social"], abs=1e-3), one.name
-        arrived = float((found.ending == Ending.ARRIVAL).mean())
+        arrived = float((found.episodes["ending"] == Ending.ARRIVAL).mean())
         assert arrived == pytest.approx(theirs["arrival"], abs=1e-6), one.name

@@ -29,7 +29,7 @@ from socialiq_recordings.readers.csv_recording import read_csv
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, lanes_of
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.recorded_world import WorldConfig
+from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.replay import replay
 
 DRIVERS = ("gap_3s", "random", "go", "stop_line", "gap_2s")

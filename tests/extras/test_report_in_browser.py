@@ -9,8 +9,9 @@ from tests.extras.browsers import needs_browser
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 MEASURE = """() => {
   const root = document.documentElement;

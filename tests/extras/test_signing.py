@@ -19,8 +19,9 @@ from socialiq.audit.report.signature import PAYLOAD_TYPE, faults_of_signature, s
 from socialiq.cli.main import main
 from socialiq.cli.signing import fault_of_model, path_of_signature, sign_model
 from socialiq.errors import UserError
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 pytest.importorskip("model_signing")
 

@@ -1,9 +1,11 @@
 """Worlds in SUMO: episodes that repeat, an ego that drives as in our core, and what it causes."""
 
+import contextlib
 import csv
 import json
 import runpy
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -16,10 +18,15 @@ from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.profile import measured_in, world_of
 from socialiq.audit.report.views import by_class
 from socialiq.cli.main import main
+from socialiq.errors import UserError
 from socialiq.evaluation.effects import sums_in
+from socialiq.isolation import isolation_of
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make
+from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import NETS
+from socialiq.worlds.sumo.simulation import Episode
+from socialiq.worlds.sumo.traffic import Scene, SumoOptions
 from socialiq.worlds.world import ConstantPolicy
 
 SLOWER, IDLE, FASTER = range(3)
@@ -163,7 +170,8 @@ def test_audits_measure_effects_by_class_in_the_episodes_that_effects_measures()
     world, seeds = world_of("sumo", {}), np.arange(40, 44)
     measured = list(measured_in("sumo"))
     course = Course(world, seeds, measured=measured)
-    beside = course.drive(Reference("wait", ConstantPolicy(0))).beside
+    waiting = Reference("wait", ConstantPolicy(0))
+    beside = course.drive(waiting).episodes
     sums = sums_in(gymnasium.make("socialiq/Sumo-v1"), policy("wait"), seeds)
     columns = {
         "delay": "delay_vehicle",
@@ -173,7 +181,7 @@ def test_audits_measure_effects_by_class_in_the_episodes_that_effects_measures()
         "cyclist_hit": "collision_bicycle",
         "braking": "braking_vehicle",
     }
-    assert beside.keys() == columns.keys() == set(measured)
+    assert columns.keys() == set(measured) < beside.keys()
     for name, column in columns.items():
         assert beside[name].tolist() == sums[column].tolist()
     assert beside["delay"].mean() > 20.0 and np.any(beside["waiting"])
@@ -214,3 +222,61 @@ def test_the_referee_repeats_its_results():
     for row in rows:
         repeated = compare(int(row["seed"]), row["driver"], row["model"])
         assert {name: str(value) for name, value in repeated.items()} == row
+
+
+def test_a_parameter_of_a_demand_writes_no_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    victim = tmp_path / "victim.txt"
+    victim.write_text("precious")
+    (tmp_path / "spy.rou.xml").write_text(
+        '<routes><vType id="spy" vClass="passenger"><param key="has.ssm.device" value="true"/>'
+        f'<param key="device.ssm.file" value="{victim}"/></vType>'
+        '<flow id="a" type="spy" begin="0" end="60" period="2" from="WC" to="CE"/></routes>'
+    )
+    assert main(["world", "sumo", "crossing", "--demand", "spy.rou.xml"]) == 0
+    assert victim.read_text() == "precious"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["spy.rou.xml", "victim.txt"]
+    assert (
+        "spy.rou.xml: SUMO does not get <param has.ssm.device> (1), <param device.s"
+        in capsys.readouterr().out
+    )
+
+
+@pytest.mark.skipif(not isolation_of("auto").works, reason="no sandbox here")
+def test_a_network_of_a_user_is_played_in_a_sandbox_with_the_same_bits(tmp_path):
+    copy = tmp_path / "copy.net.xml"
+    copy.write_text(NETS["crossing"].read_text())
+    episodes = list[list[Any]]()
+    for net in ("crossing", str(copy)):
+        env = gymnasium.make("socialiq/Sumo-v1", net=net)
+        first, _ = env.reset(seed=5)
+        steps = [env.step(action) for action in (FASTER, IDLE, SLOWER)]
+        env.reset(seed=6)  # the sandbox now holds another episode
+        state = env.unwrapped.save()
+        env.unwrapped.restore(state)
+        steps += [env.step(FASTER)]
+        episodes.append([first.tolist(), [(step[0].tolist(), *step[1:]) for step in steps]])
+    np.testing.assert_equal(episodes[0], episodes[1])
+    assert isinstance(env.unwrapped.episode, IsolatedEpisode)
+
+
+@pytest.mark.skipif(not isolation_of("auto").works, reason="no sandbox here")
+def test_sumo_in_the_sandbox_writes_no_file_even_if_it_is_told_to(tmp_path):
+    victim = tmp_path / "victim.txt"
+    victim.write_text("precious")
+    demand = tmp_path / "spy.rou.xml"
+    demand.write_text(
+        '<routes><vType id="spy" vClass="passenger"/>'
+        '<flow id="a" type="spy" begin="0" end="60" period="2" from="WC" to="CE"/></routes>'
+    )
+    scene = Scene(SumoOptions(demand=str(demand)))
+    hostile = (
+        '<vType id="of.spy" vClass="passenger"><param key="has.ssm.device" value="true"/>'
+        f'<param key="device.ssm.file" value="{victim}"/></vType>'
+    )
+    scene.user_demand = scene.user_demand._replace(types=[hostile])
+    with contextlib.suppress(UserError):
+        episode_of(scene, 0).step(FASTER)
+    assert victim.read_text() == "precious"
+    Episode(scene, 0).step(FASTER)
+    assert victim.read_text() != "precious"  # without the sandbox the attack works

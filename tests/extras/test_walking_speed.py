@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
+from socialiq.worlds.intersection.options import CrosswalkOptions
 
 FOLDER = os.environ.get("SOCIALIQ_SIND_DATA", "")
 

@@ -26,6 +26,7 @@ TINY = ["--updates", "2", "--hidden", "4", *NEW]
 
 BASES: dict[str, list[str]] = {
     "demo": ["--seeds", "0", "--out", OUT],
+    "worlds": ["crossing5"],
     "solve": ["crossing5"],
     "front": ["crosswalk7", "--every", "45"],
     "predict-lambda": ["crossing5"],

@@ -33,9 +33,10 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import packaged_results
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.situation import ContextPolicy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 from socialiq_recordings import files as recording_files
 from socialiq_recordings.export import write_commonroad
 from socialiq_recordings.recording import Recording
@@ -117,7 +118,7 @@ def make_samples(folder: Path) -> None:
     endings = ("npz", "csv", "parquet") if PARQUET else ("npz", "csv")
     for ending in endings:
         call("data", "to-arrays", data, "--out", folder / f"steps.{ending}")
-    _policies(folder, grid.n_features, grid.n_actions)
+    make_policies(folder, grid.n_features, grid.n_actions)
     TabularPolicy(grid, expert_policy(table, 0.0)).save(folder / "table.safetensors")
     new = ["profile", "new", "--world", WORLD, "--angle", "0", "--owner", "x"]
     call(*new, "--out", folder / "profile.toml")
@@ -185,7 +186,7 @@ def untrained_runs() -> Runs:
     return jax.vmap(one)(jax.random.split(jax.random.key(0), 2))
 
 
-def _policies(folder: Path, features: int, actions: int) -> None:
+def make_policies(folder: Path, features: int, actions: int) -> None:
     random = np.random.default_rng(0)
     shapes = [(4, features), (actions, 4)]
     weights = tuple(random.normal(size=shape).astype(np.float32) for shape in shapes)

@@ -23,12 +23,12 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.webassembly.build import elementary_functions
 from socialiq.page.webassembly.layout import CORE, layout
 from socialiq.storage import packaged_results, write_json
-from socialiq.worlds.highway.options import EPISODE
-from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
+from socialiq.worlds.highway.options import EPISODE, VEHICLE
+from socialiq.worlds.intersection.options import Options, buffers_of
 from socialiq.worlds.intersection.policies import policy as reference_policy
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
-KEPT = ("episodes", "vehicles", "observation", "rewards", "ending")
+KEPT = ("episodes", "vehicles", "people", "observation", "rewards", "ending")
 """Arrays of a replay; all of them together are what an episode shows and goes on from."""
 
 MOST = 500
@@ -49,7 +49,7 @@ class Replay(NamedTuple):
 
 def native(options: Options, seeds: np.ndarray, policy: Any) -> Replay:
     """Drive the native core by a policy from these seeds until every episode has ended."""
-    batch = Batch(options, len(seeds))
+    batch = Intersection(options).batch(len(seeds))
     batch.reset(seeds)
     states, actions = {name: [getattr(batch.buffers, name).copy()] for name in KEPT}, []
     while batch.running.any():

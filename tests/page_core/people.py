@@ -12,7 +12,7 @@ from socialiq.evaluation.simulate import actor_of
 from socialiq.nn.class_dial import ClassDial
 from socialiq.storage import packaged_results, write_json
 from socialiq.types import Ending
-from socialiq.worlds.registry import WITH_CYCLISTS, make
+from socialiq.worlds.registry import make
 
 DIAL = "crosswalk-intersection/dial.safetensors"
 ANGLE, CLASS_ANGLES = 90.0, (0.0, 90.0)
@@ -25,7 +25,10 @@ def driven(class_angle: float, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarra
         Decisions (step, episode), -1 after the end; the seconds that people on foot wait for the
         car, and the ending, of each episode.
     """
-    batch, dial = make(WITH_CYCLISTS).batch(len(seeds)), ClassDial.load(packaged_results() / DIAL)
+    batch, dial = (
+        make("intersection", people=0.1, cyclists=0.1).batch(len(seeds)),
+        ClassDial.load(packaged_results() / DIAL),
+    )
     batch.reset(seeds)
     actor = actor_of(batch, dial.of_class(class_angle).at(ANGLE))
     actor.begin(np.arange(len(seeds)), seeds)

@@ -19,8 +19,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection.driving import BATCH, Driving, Recording
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
@@ -204,7 +203,7 @@ def test_the_intersection_begins_as_before(committed):
 
 @pytest.fixture(scope="module")
 def batch():
-    return Batch(Options(), BATCH)
+    return Intersection().batch(BATCH)
 
 
 @pytest.mark.parametrize("name", ["expert_prosocial", "prosocial"])

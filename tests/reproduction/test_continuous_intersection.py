@@ -8,7 +8,7 @@ from socialiq.evaluation.episodes import episodes_of, outcome_row, reward_row
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import ContinuousOptions
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection.driving import BATCH
 from socialiq_lab.tables import matching
 
@@ -16,7 +16,7 @@ from socialiq_lab.tables import matching
 def test_an_expert_of_the_continuous_atlas_drives_as_before():
     results = store.load(packaged_results() / "intersection-continuous")
     first, episodes = results.config["first_episode"], results.config["episodes"]
-    batch = Batch(ContinuousOptions(), BATCH)
+    batch = Intersection(ContinuousOptions()).batch(BATCH)
     driver = atlas.load_continuous("expert_prosocial")
     again = episodes_of(batch, driver, np.arange(first, first + episodes))
     (theirs,) = matching(results.tables["policies"], name="expert prosocial")

@@ -93,7 +93,7 @@ STATIC, PAIR = socialiq.StaticConfig(**OFFLINE, value_term="v0"), socialiq.Rewar
         ("equal_trajectories", ([1], 1, 0), "pools is of the type list: pass Mapping"),
         ("make_environment", (WORLD,), "name is of the type GridWorld: pass str"),
         ("save_demonstrations", ("x.safetensors", "data"), "demonstrations is of the type str"),
-        ("train", (NUMBERS, STATIC, []), "static is of the type IQLearnHyperparameters"),
+        ("train", (NUMBERS, STATIC, []), "learner is of the type IQLearnHyperparameters"),
         ("train_dial", ("settings", NUMBERS), "static is of the type str: pass DialConfig"),
         ("estimate_angle", (np.ones(2), np.ones(1), 0), "give as many of each"),
         ("StaticConfig", (), "--set updates can't be '5'"),

@@ -2,7 +2,7 @@
 
 RvS (Emmons et al. 2022; PEDA, Zhu et al. 2023): one network clones every demonstration given the
 pair of totals (G_env, G_social) of its episode, as in RvS constant over the episode. At an angle
-it is asked for the best pair that was demonstrated there.
+its condition is the demonstrated pair that scores best.
 
 CFGRL (Frans et al. 2025): one network clones the demonstrations twice, without a condition,
 π̂(a|s), and given that the advantage A(s, a) of R(α) is 0 or more, π̂(a|s, o = 1). With the
@@ -10,8 +10,8 @@ guidance weight w the policy is
 
     π_w(a|s) ∝ π̂(a|s) (π̂(a|s, o = 1) / π̂(a|s))^w ∝ π̂(a|s) p(o = 1|s, a)^w.
 
-DWBC (Xu et al. 2022): the best share of the episodes by R(α) are the expert's, E; all of them are
-the other set, O, which holds more of what the expert would do. A discriminator d(s, a, log π(a|s))
+DWBC (Xu et al. 2022): the best share of the episodes by R(α) are the expert's, E. All episodes are
+the mixed set O, which holds more of what the expert would do. A discriminator d(s, a, log π(a|s))
 learns which rows are E's from positive and unlabelled rows, and gives the clone's rows their
 weights.
 """
@@ -43,7 +43,17 @@ class ConditionedClone(shared.Baseline):
         return self.conditioned_network(key)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):  # noqa: ARG002
-        """Negative log-likelihood of the demonstrated actions under the conditions."""
+        """Return the negative log-likelihood of the demonstrated actions under the conditions.
+
+        Args:
+            network: The clone.
+            target_network: Not used.
+            batch: Demonstrated rows, and the pair of their conditions.
+            hyperparameters: Not used.
+
+        Returns:
+            The mean over the batch, and the same as the term "loss".
+        """
         rows, condition = batch
         logits = jax.vmap(network)(rows.observation, condition)
         loss = -jnp.mean(shared.log_likelihood(logits, rows.action))
@@ -60,7 +70,7 @@ class OutcomeHyperparameters(settings.LearnerHyperparameters):
 
 @dataclasses.dataclass(frozen=True)
 class OutcomePolicy:
-    """Clone that is asked for an outcome, one of the `totals` of the demonstrated episodes."""
+    """Clone that is conditioned on one of the `totals` of the demonstrated episodes."""
 
     network: DialNetwork
     totals: Float[np.ndarray, "episode 2"]
@@ -68,7 +78,7 @@ class OutcomePolicy:
     record: Mapping[str, Any]
 
     def at(self, angle: float) -> QPolicy:
-        """Return the policy that is asked for the best outcome at an angle in degrees."""
+        """Return the policy under the condition of the best outcome at an angle in degrees."""
         scores = score(weights(angle), RewardPair(*self.totals.T))
         rank = round(self.quantile * (len(scores) - 1))
         mean, scale = scaling(self.totals)
@@ -95,19 +105,38 @@ class OutcomeConditioned(ConditionedClone):
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "OutcomeConditioned":
-        """Make the learner of sets of demonstrations, each row with its episode's totals."""
+        """Make the learner of sets of demonstrations, each row with its episode's totals.
+
+        Args:
+            static: Static configuration of all runs.
+            datasets: Sets of demonstrations.
+        """
         scales = jnp.asarray([scaling(shared.totals_of(data)) for data in datasets], jnp.float32)
         return dataclasses.replace(super().of(static, datasets), scales=scales)
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
-        """Draw demonstrations with their outcomes, scaled."""
+        """Draw demonstrations with their outcomes, scaled.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run.
+            carry: Random key.
+
+        Returns:
+            Rows with the pair of their scaled outcomes, and the next key.
+        """
         rows, key = super().draw(hyperparameters, state, carry)
         columns = zip(rows.target, *self.scales[hyperparameters.dataset], strict=True)
         outcome = RewardPair(*((total - mean) / spread for total, mean, spread in columns))
         return (rows, outcome), key
 
     def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> OutcomePolicy:
-        """Return the clone with the outcomes of its demonstrations."""
+        """Return the clone with the outcomes of its demonstrations.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained network.
+        """
         first, end = self.table.start_bounds[hyperparameters.dataset + jnp.arange(2)]
         starts = self.table.starts[int(first) : int(end)]
         totals = np.stack([np.asarray(total[starts]) for total in self.table.columns.target], 1)
@@ -144,12 +173,26 @@ class GuidedCloning(ConditionedClone):
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "GuidedCloning":
-        """Make the learner of sets of demonstrations, with their advantages."""
+        """Make the learner of sets of demonstrations, with their advantages.
+
+        Args:
+            static: Static configuration of all runs.
+            datasets: Sets of demonstrations.
+        """
         table = expert_table.ExpertTable.of(datasets, static.advantage, 0.99)
         return cls(static, (int(datasets[0].observation.shape[1]), datasets[0].n_actions), table)
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
-        """Draw demonstrations, and the rows that show their condition."""
+        """Draw demonstrations, and decide which rows show their condition.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run.
+            carry: Random key.
+
+        Returns:
+            Rows with the pair of their conditions, and the next key.
+        """
         rows, key = super().draw(hyperparameters, state, carry)
         key, for_drop = jax.random.split(key)
         draws = jax.random.uniform(for_drop, rows.action.shape)
@@ -158,7 +201,12 @@ class GuidedCloning(ConditionedClone):
         return (rows, RewardPair(is_shown, is_shown * optimal)), key
 
     def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
-        """Return the guided policy; its logits are those of π_w."""
+        """Return the guided policy; its logits are those of π_w.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained network.
+        """
         record = self.record(hyperparameters)
         conditions = [RewardPair(value, value) for value in (jnp.zeros(()), jnp.ones(()))]
         plain, optimal = (QPolicy.of(state.network.at(c), 1.0, record) for c in conditions)
@@ -166,7 +214,16 @@ class GuidedCloning(ConditionedClone):
 
 
 def guided(plain: QPolicy, optimal: QPolicy, guidance: float) -> QPolicy:
-    """Return one network with the logits (1 - w) plain + w optimal, both of the same layers."""
+    """Return one network with the logits (1 - w) plain + w optimal.
+
+    Args:
+        plain: Clone without a condition.
+        optimal: Clone under the condition of optimality, with layers of the same sizes.
+        guidance: Weight w: 0 is the plain clone, 1 the optimal one.
+
+    Returns:
+        Network whose hidden layers are twice as wide, with the further fields of `plain`.
+    """
     share = 1.0 - guidance
     matrices = list(zip(plain.weights, optimal.weights, strict=True))
     biases = list(zip(plain.biases, optimal.biases, strict=True))
@@ -231,18 +288,39 @@ class DiscriminatorWeighted(shared.EpisodeLearner):
         return state, shared.Carry(key, jnp.cumsum(best / jnp.sum(best)))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
-        """Draw as many rows of E and of O."""
+        """Draw equal numbers of rows of E and of O.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run.
+            carry: Random key, and the cumulative weights of E's rows.
+
+        Returns:
+            The pair of rows of E and of O, and the next carry.
+        """
         of_all, key = super().draw(hyperparameters, state, carry.key)
         key, for_expert = jax.random.split(key)
         expert = self.table.sample_weighted(for_expert, carry.known, self.static.batch_size)
         return (expert, of_all), carry._replace(key=key)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):  # noqa: ARG002
-        """Loss of the discriminator, and the weighted one of the clone (their Eq 17).
+        """Return the loss of the discriminator, and the weighted one of the clone (their Eq 17).
 
         α E_E[-log π] - E_E[-log π η / (d (1 - d))] + E_O[-log π / (1 - d)]
+
+        Args:
+            network: The clone and the discriminator.
+            target_network: Not used.
+            batch: Rows of E, and rows of O.
+            hyperparameters: Numbers of the run.
+
+        Returns:
+            The sum of both, and the terms "discriminator", "clone" and "loss".
         """
-        run, logits, likelihoods, chances = hyperparameters, [], [], []
+        run = hyperparameters
+        logits = []
+        likelihoods = []
+        chances = []
         for rows in batch:
             likelihood = shared.log_likelihood(
                 jax.vmap(network.policy)(rows.observation), rows.action
@@ -253,7 +331,9 @@ class DiscriminatorWeighted(shared.EpisodeLearner):
             likelihoods.append(likelihood)
             logits.append(logit)
             chances.append(jnp.clip(jax.nn.sigmoid(jax.lax.stop_gradient(logit)), *CLIPPED))
-        share, (expert, of_all), (expert_chance, chance) = run.positive_share, likelihoods, chances
+        share = run.positive_share
+        expert, of_all = likelihoods
+        expert_chance, chance = chances
         weight = run.expert_weight - share / (expert_chance * (1.0 - expert_chance))
         terms = {
             "discriminator": discriminator_loss(logits[0], logits[1], share),
@@ -266,6 +346,12 @@ class DiscriminatorWeighted(shared.EpisodeLearner):
 def discriminator_loss(
     expert: Float[Array, " batch"], mixed: Float[Array, " batch"], share: Array | float
 ) -> Float[Array, ""]:
-    """η E_E[-log d] + E_O[-log (1 - d)] - η E_E[-log (1 - d)], of logits (their Eq 10)."""
+    """Return η E_E[-log d] + E_O[-log (1 - d)] - η E_E[-log (1 - d)] (their Eq 10).
+
+    Args:
+        expert: Logits of d for rows of E.
+        mixed: Logits of d for rows of O.
+        share: η, the weight of E's rows.
+    """
     positive = jax.nn.softplus(-expert) - jax.nn.softplus(expert)
     return jnp.mean(share * positive) + jnp.mean(jax.nn.softplus(mixed))

@@ -2,7 +2,7 @@
 
 IQL (Kostrikov et al. 2022): V is an upper expectile of Q over the demonstrated actions, Q is fitted
 to r + γ V(s'), and the policy clones the demonstrations with the weight exp(β (Q - V)). So Q is
-never asked for an action that the data don't have.
+never evaluated at an action that the data don't have.
 
 SPRINQL (Hoang et al. 2024): IQ-Learn with graded demonstrators. Episodes have levels of expertise,
 here by R(α). A reference reward in (0, 1), learned from the ranks of the levels, gives level i its
@@ -12,10 +12,10 @@ drawn to. With U the mixture of the levels by their weights, and β the conserva
     - Σ_i w_i E_i[r̂] + E_U[V(s) - γ (1 - d) V(s')] + a E_U[(r̂ - λ r_ref)²] + β E_U[V(s) - Q(s, a)].
 
 Multi-intention inverse reinforcement learning by EM (Babes et al. 2011): K intentions, each with
-a Q of its own. The M step is IQ-Learn of every episode, weighted by how likely it is of the
-intention; the E step takes these weights, the responsibilities, from the likelihoods of the
-episodes' actions under softmax(Q_k/τ). No label is seen. At an angle the intention is taken whose
-episodes score best.
+its own Q. The M step is IQ-Learn of every episode, weighted by the probability that the episode
+has the intention; the E step takes these weights, the responsibilities, from the likelihoods of
+the episodes' actions under softmax(Q_k/τ). No label is seen. At an angle the intention is taken
+whose episodes score best.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ class IQLNetworks(NamedTuple):
 
 
 class ImplicitQLearning(shared.Baseline):
-    """Implicit Q-learning of demonstrations; the policy is a network of its own."""
+    """Implicit Q-learning of demonstrations; the policy is a separate network."""
 
     StaticConfig: ClassVar[type] = ValueConfig
     Hyperparameters: ClassVar[type] = IQLHyperparameters
@@ -72,16 +72,30 @@ class ImplicitQLearning(shared.Baseline):
 
     def network(self, key: PRNGKeyArray) -> IQLNetworks:
         """Draw three networks of the same hidden layers."""
-        static, (n_features, n_actions) = self.static, self.sizes
-        keys, networks = jax.random.split(key, 3), []
+        static = self.static
+        n_features, n_actions = self.sizes
+        keys = jax.random.split(key, 3)
+        networks = []
         for number, outputs in enumerate((n_actions, 1, n_actions)):
             shape = (n_features, static.hidden, outputs, static.activation, static.view)
             networks.append(QNetwork.initialise(keys[number], *shape, scale=static.input_scale))
         return IQLNetworks(*networks)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
-        """Losses of V, Q and the policy (Eq 5 to 7); none has another's gradient."""
-        observation, action, run = batch.observation, batch.action, hyperparameters
+        """Return the losses of V, Q and the policy (Eq 5 to 7); none has another's gradient.
+
+        Args:
+            network: Q, V and the policy.
+            target_network: Slow copy of the network, whose Q is used.
+            batch: Demonstrated rows.
+            hyperparameters: Numbers of the run.
+
+        Returns:
+            The sum, and the terms "state_value", "values", "policy" and "loss".
+        """
+        observation = batch.observation
+        action = batch.action
+        run = hyperparameters
         steady = shared.of_taken(jax.vmap(target_network.values)(observation), action)
         value = jax.vmap(network.state_value)(observation)[:, 0]
         next_value = jax.vmap(network.state_value)(batch.next_observation)[:, 0]
@@ -155,9 +169,19 @@ class SPRINQL(shared.EpisodeLearner):
         return state, shared.Carry(key, self.episodes.levels(*run, self.static.levels))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
-        """Draw demonstrations with their levels, and pairs of episodes."""
+        """Draw demonstrations with their levels, and pairs of episodes.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: Not used.
+            carry: Random key, and the level of each episode.
+
+        Returns:
+            Rows with levels and pairs (`Graded`), and the next carry.
+        """
         key, for_rows, for_pairs = jax.random.split(carry.key, 3)
-        dataset, scores = hyperparameters.dataset, -carry.known.astype(jnp.float32)
+        dataset = hyperparameters.dataset
+        scores = -carry.known.astype(jnp.float32)
         rows = self.rows(for_rows, dataset)
         level = carry.known[self.episodes.of_row[rows]]
         options = self.table, for_pairs, dataset, self.static.pairs, scores
@@ -165,8 +189,23 @@ class SPRINQL(shared.EpisodeLearner):
         return graded, carry._replace(key=key)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
-        """Loss of Q, and `reference` of the reference reward: alike in a level, ranked between."""
-        (rows, level, pairs), run = batch, hyperparameters
+        """Return the loss of Q, and that of the reference reward.
+
+        The reference reward is fitted to be equal within a level, and ranked between levels.
+
+        Args:
+            network: Q and the reference reward before its sigmoid.
+            target_network: Slow copy of the network, whose Q gives the value of the next
+                observation.
+            batch: Rows with levels, and pairs of episodes.
+            hyperparameters: Numbers of the run.
+
+        Returns:
+            The sum, and the terms "expert", "value", "distance", "conservative", "reference" and
+            "loss".
+        """
+        rows, level, pairs = batch
+        run = hyperparameters
 
         def reference_reward(observation: Array) -> Array:
             return jax.nn.sigmoid(network.reference(observation))
@@ -174,7 +213,8 @@ class SPRINQL(shared.EpisodeLearner):
         reference = shared.of_taken(jax.vmap(reference_reward)(rows.observation), rows.action)
         row = jax.lax.stop_gradient(row_weights(reference, level, self.static.levels))
         q = jax.vmap(network.values)(rows.observation)
-        value, taken = losses.soft_value(q, run.temperature), shared.of_taken(q, rows.action)
+        value = losses.soft_value(q, run.temperature)
+        taken = shared.of_taken(q, rows.action)
         follows = shared.soft_continuation(target_network.values, rows, run, self.static.endings)
         reward = losses.implicit_reward(taken, follows, run.discount)
         centre = run.strength * jax.lax.stop_gradient(reference)
@@ -195,7 +235,13 @@ class SPRINQL(shared.EpisodeLearner):
 def row_weights(
     reference: Float[Array, " batch"], level: Array, levels: int
 ) -> Float[Array, " batch"]:
-    """Return the weight of each row, w_i over the rows of its level; they sum to 1."""
+    """Return the weight of each row, w_i over the rows of its level; they sum to 1.
+
+    Args:
+        reference: Reference reward of each row.
+        level: Level of each row, 0 for the best.
+        levels: Number of levels.
+    """
     member = level[:, None] == jnp.arange(levels)
     count = jnp.maximum(jnp.sum(member, axis=0), 1)
     means = jnp.sum(jnp.where(member, reference[:, None], 0.0), axis=0) / count
@@ -245,19 +291,42 @@ class MultiIntention(shared.EpisodeLearner):
         """Draw networks, and the first responsibilities: random ones break the symmetry."""
         state, key = super().initialise(hyperparameters)
         key, for_first = jax.random.split(key)
-        count, concentration = self.episodes.inside.shape[0], jnp.ones(self.static.intentions)
+        count = self.episodes.inside.shape[0]
+        concentration = jnp.ones(self.static.intentions)
         return state, shared.Carry(key, jax.random.dirichlet(for_first, concentration, (count,)))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:  # noqa: ARG002
-        """Draw demonstrations with their episodes' responsibilities."""
+        """Draw demonstrations with their episodes' responsibilities.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: Not used.
+            carry: Random key, and the responsibilities.
+
+        Returns:
+            Rows with the responsibilities of their episodes, (batch, intention), and the next
+            carry.
+        """
         key, for_rows = jax.random.split(carry.key)
         rows = self.rows(for_rows, hyperparameters.dataset)
         share = carry.known[self.episodes.of_row[rows]]
         return (self.table.rows(rows), share), carry._replace(key=key)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
-        """-E[z r̂] + E[z (V(s) - γ V(s'))] + E[z r̂²] / (4 α_χ): L_IQ (Eq 2.7), summed over z."""
-        (rows, responsibility), run, total = batch, hyperparameters, jnp.zeros(())
+        """-E[z r̂] + E[z (V(s) - γ V(s'))] + E[z r̂²] / (4 α_χ): L_IQ (Eq 2.7), summed over z.
+
+        Args:
+            network: Network of each intention.
+            target_network: Slow copies of the networks, for the value of the next observation.
+            batch: Rows, and the responsibilities z of their episodes.
+            hyperparameters: Numbers of the run.
+
+        Returns:
+            The sum over intentions, and the same as the term "loss".
+        """
+        rows, responsibility = batch
+        run = hyperparameters
+        total = jnp.zeros(())
         for number, (learned, steady) in enumerate(zip(network, target_network, strict=True)):
             q = jax.vmap(learned)(rows.observation)
             follows = shared.soft_continuation(steady, rows, run, self.static.endings)
@@ -274,10 +343,24 @@ class MultiIntention(shared.EpisodeLearner):
         responsibility: Float[Array, "episode intention"],
         longest: int,
     ) -> Float[Array, "episode intention"]:
-        """Return P(intention | episode) of the run's set, by the last ones' priors."""
-        table, episodes, count = self.table, self.episodes, self.episodes.inside.shape[0]
+        """Return P(intention | episode), with the mean of the last responsibilities as prior.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            network: Network of each intention.
+            responsibility: Last responsibilities, (episode, intention).
+            longest: Number of rows of the largest set.
+
+        Returns:
+            Responsibilities (episode, intention); episodes of sets that the run does not use get
+            the prior.
+        """
+        table = self.table
+        episodes = self.episodes
+        count = self.episodes.inside.shape[0]
         of_set = hyperparameters.dataset + jnp.arange(2)
-        bounds, (first, end) = table.row_bounds[of_set], episodes.bounds[of_set]
+        bounds = table.row_bounds[of_set]
+        first, end = episodes.bounds[of_set]
         rows = bounds[0] + jnp.arange(longest)
         columns = table.rows(jnp.minimum(rows, bounds[1] - 1))
         episode = jnp.where(rows < bounds[1], episodes.of_row[rows], count)  # beyond: left out
@@ -298,8 +381,20 @@ class MultiIntention(shared.EpisodeLearner):
         before_chunk: Any = None,  # noqa: ARG002
         world: str = "",
     ) -> Any:
-        """Train as every learner; an E step stands before each chunk of updates but the first."""
-        arrays, longest = stack(hyperparameters), int(jnp.diff(self.table.row_bounds).max())
+        """Train as every learner; an E step precedes each chunk of updates except the first.
+
+        Args:
+            hyperparameters: Numbers of each run.
+            callbacks: Progress, monitor and checkpoint.
+            chunk: Updates between two E steps, and between two calls of the callbacks.
+            before_chunk: Not used.
+            world: Description for the checkpoint.
+
+        Returns:
+            The outcome of all runs, `kernel.Trained`.
+        """
+        arrays = stack(hyperparameters)
+        longest = int(jnp.diff(self.table.row_bounds).max())
 
         @jax.jit
         def step(learner: MultiIntention, *runs: Any) -> Array:  # one by one: it takes much memory
@@ -320,7 +415,13 @@ class MultiIntention(shared.EpisodeLearner):
     def policy(
         self, hyperparameters: Any, state: Any, responsibilities: Any = None
     ) -> IntentionPolicy:
-        """Return the policies of the intentions with their episodes' mean totals."""
+        """Return the policies of the intentions with their episodes' mean totals.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained networks.
+            responsibilities: Responsibilities of all episodes, (episode, intention).
+        """
         record = self.record(hyperparameters)
         first, end = map(int, self.episodes.bounds[hyperparameters.dataset + jnp.arange(2)])
         share = np.asarray(responsibilities)[first:end]

@@ -1,10 +1,10 @@
 """Learners that act in the world: LS-IQ, T-REX, and the inferred rewards of ParIRL.
 
-LS-IQ (Al-Hafez et al. 2023): with the penalty c/2 (E_E[r̂²] + E_π[r̂²]) IQ-Learn's objective is, but
-for a constant, c/2 E_E[(r̂ - 1/c)²] + c/2 E_π[(r̂ + 1/c)²], so demonstrated transitions have the
+LS-IQ (Al-Hafez et al. 2023): with the penalty c/2 (E_E[r̂²] + E_π[r̂²]) IQ-Learn's objective is, up
+to a constant, c/2 E_E[(r̂ - 1/c)²] + c/2 E_π[(r̂ + 1/c)²], so demonstrated transitions have the
 reward 1/c and the learner's own -1/c. LS-IQ gives Q of a demonstrated action its largest value
 1/(c (1 - γ)) as a fixed target, bounds the values that follow, and lets an episode's end be a state
-for ever, whose reward is the mean over those that end there.
+for ever, whose reward is the mean over the transitions that end an episode.
 
 T-REX (Brown et al. 2019): the reward r(s, a) explains the ranks by R(α) of pairs of episodes; soft
 Q-learning on it acts in the world meanwhile. The paper has two stages and a reward of observations
@@ -56,8 +56,19 @@ class LSIQ(IQLearn):
     name: ClassVar[str] = "ls_iq"
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
-        """Half the squared distances of demonstrations and of own transitions to their targets."""
-        largest, discount = 1.0 / hyperparameters.regularisation, hyperparameters.discount
+        """Half the squared distances of demonstrations and of own transitions to their targets.
+
+        Args:
+            network: Q.
+            target_network: Slow copy of Q, for the value of the next observation.
+            batch: Demonstrated and own rows.
+            hyperparameters: Numbers of the run.
+
+        Returns:
+            The sum, and the terms "expert", "own" and "loss".
+        """
+        largest = 1.0 / hyperparameters.regularisation
+        discount = hyperparameters.discount
         bound = largest / (1.0 - discount)
         sides = (batch.expert.ending, batch.replay.ending)
         ends = [jnp.sum(ending != int(Ending.NONE)) for ending in sides]
@@ -113,7 +124,12 @@ class TREX(IQLearn):
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> "TREX":
-        """Make the learner of sets of demonstrations and their episodes."""
+        """Make the learner of sets of demonstrations and their episodes.
+
+        Args:
+            static: Static configuration of all runs.
+            datasets: Sets of demonstrations.
+        """
         learner: Any = super().of(static, datasets)
         episodes = shared.Episodes.of(datasets, learner.table)
         return cls(static, learner.sizes, learner.table, episodes=episodes)
@@ -123,7 +139,16 @@ class TREX(IQLearn):
         return TREXNetworks(super().network(key), super().network(jax.random.fold_in(key, 1)))
 
     def draw(self, hyperparameters: Any, state: Any, carry: Any) -> tuple[Any, Any]:
-        """Act, sample the replay, and draw pairs of episodes."""
+        """Act, sample the replay, and draw pairs of episodes.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, whose network acts.
+            carry: Random key, replay and episode.
+
+        Returns:
+            Own rows with pairs of episodes (`TREXRows`), and the next carry.
+        """
         batches, carry = super().draw(hyperparameters, state, carry)
         assert batches.replay is not None
         key, for_pairs = jax.random.split(carry.key)
@@ -132,8 +157,20 @@ class TREX(IQLearn):
         return TREXRows(batches.replay, self.episodes.pairs(*options)), carry._replace(key=key)
 
     def loss(self, network: Any, target_network: Any, batch: Any, hyperparameters: Any):
-        """Ranks of pairs, and half the squared Bellman error of Q on the learned reward."""
-        rows, run = batch.replay, hyperparameters
+        """Loss of the pairs' ranks, and half the squared Bellman error of Q on the learned reward.
+
+        Args:
+            network: Q and the learned reward.
+            target_network: Slow copy of the network, whose Q gives the value of the next
+                observation.
+            batch: Own rows, and pairs of episodes.
+            hyperparameters: Numbers of the run.
+
+        Returns:
+            The sum, and the terms "ranks", "bellman" and "loss".
+        """
+        rows = batch.replay
+        run = hyperparameters
         follows = shared.soft_continuation(target_network.values, rows, run, self.static.endings)
         reward = shared.of_taken(jax.vmap(network.reward)(rows.observation), rows.action)
         target = run.strength * reward + run.discount * follows
@@ -146,7 +183,12 @@ class TREX(IQLearn):
         return total, terms | {"loss": total}
 
     def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
-        """Return the policy of Q."""
+        """Return the policy of Q.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained networks.
+        """
         record = self.record(hyperparameters)
         return QPolicy.of(state.network.values, hyperparameters.temperature, record)
 
@@ -163,14 +205,26 @@ class Inferred(NamedTuple):
 def inferred_reward(
     network: QNetwork, temperature: float, discount: float, batch: expert_table.Batch
 ) -> Float[Array, " batch"]:
-    """Return r̂ = Q(s, a) - γ (1 - d) V(s') (Eq 2.6) of rows; nothing follows any ending."""
+    """Return r̂ = Q(s, a) - γ (1 - d) V(s') (Eq 2.6) of rows; d is 1 at every ending.
+
+    Args:
+        network: Trained Q.
+        temperature: τ of V.
+        discount: γ.
+        batch: Rows of transitions.
+    """
     value = losses.soft_value(jax.vmap(network)(batch.next_observation), temperature)
     follows = jnp.where(batch.ending == int(Ending.NONE), value, 0.0)
     return shared.of_taken(jax.vmap(network)(batch.observation), batch.action) - discount * follows
 
 
 def inferring(source: collect.Source, rewards: Sequence[Inferred]) -> collect.Source:
-    """Return a source outside JAX whose (r_env, r_social) are the two inferred rewards."""
+    """Return a source outside JAX whose (r_env, r_social) are the two inferred rewards.
+
+    Args:
+        source: Source of the world's transitions.
+        rewards: Inferred reward in the place of r_env, then that in the place of r_social.
+    """
 
     def relabelled(act: Act, rng: Any) -> expert_table.Batch:
         batch = source(act, rng)

@@ -23,23 +23,41 @@ from socialiq.types import Transitions
 def of_taken(
     values: Float[Array, "batch action"], action: Int[Array, " batch"]
 ) -> Float[Array, " batch"]:
-    """Return the values of the actions that were taken."""
+    """Return the values of the actions that were taken.
+
+    Args:
+        values: Value of each action, (batch, action).
+        action: Number of the taken action, (batch,).
+    """
     return jnp.take_along_axis(values, action[:, None], axis=1)[:, 0]
 
 
 def log_likelihood(
     logits: Float[Array, "batch action"], action: Int[Array, " batch"]
 ) -> Float[Array, " batch"]:
-    """Return log π(a|s) of the taken actions, π = softmax of the logits."""
+    """Return log π(a|s) of the taken actions, with π = softmax of the logits.
+
+    Args:
+        logits: Logit of each action, (batch, action).
+        action: Number of the taken action, (batch,).
+    """
     return of_taken(jax.nn.log_softmax(logits), action)
 
 
 def soft_continuation(
     network: Any, batch: expert_table.Batch, hyperparameters: Any, endings: Endings
 ) -> Float[Array, " batch"]:
-    """(1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ) of the given network."""
+    """Return (1 - d) V(s') of Eq 2.6, with V(s') = τ logsumexp(Q(s', ·)/τ).
+
+    Args:
+        network: Q of one observation; commonly the target network.
+        batch: Rows of transitions.
+        hyperparameters: Numbers of the run; τ and γ are read.
+        endings: Treatment of each kind of ending.
+    """
     q_next = jax.vmap(network)(batch.next_observation)
-    temperature, discount = hyperparameters.temperature, hyperparameters.discount
+    temperature = hyperparameters.temperature
+    discount = hyperparameters.discount
     return losses.continuation(
         losses.soft_value(q_next, temperature),
         batch.ending,
@@ -63,7 +81,15 @@ class Pairs(NamedTuple):
 
 
 def preference_loss(reward: Callable[[Array], Array], pairs: Pairs) -> Float[Array, ""]:
-    """-log P(ranks), P(first) = σ(Σ r of the first - Σ r of the second) (T-REX, their Eq 1)."""
+    """Return -log P(ranks), P(first) = σ(Σ r of the first - Σ r of the second) (T-REX, their Eq 1).
+
+    Args:
+        reward: Function that returns the rewards of all actions, given one observation.
+        pairs: Pairs of episodes, of which those of equal rank add 0.
+
+    Returns:
+        The mean over all pairs.
+    """
     over_rows = jax.vmap(jax.vmap(jax.vmap(reward)))(pairs.rows.observation)
     taken = jnp.take_along_axis(over_rows, pairs.rows.action[..., None], axis=-1)
     first, second = jnp.sum(jnp.where(pairs.inside, taken[..., 0], 0.0), axis=-1)
@@ -90,11 +116,17 @@ class Episodes(NamedTuple):
 
     @staticmethod
     def of(datasets: Sequence[Transitions], table: expert_table.ExpertTable) -> "Episodes":
-        """Lay out the episodes of the sets that a table was made of."""
+        """Lay out the episodes of the sets that a table was made of.
+
+        Args:
+            datasets: Sets of demonstrations, in the order of the table.
+            table: Table of these sets.
+        """
         lengths = np.concatenate(
             [np.diff(data.episode_starts, append=len(data.action)) for data in datasets]
         )
-        starts, steps = np.cumsum(lengths) - lengths, np.arange(lengths.max())
+        starts = np.cumsum(lengths) - lengths
+        steps = np.arange(lengths.max())
         inside = steps < lengths[:, None]
         of_row = np.full(table.columns.action.shape[0], len(lengths))
         of_row[: lengths.sum()] = np.repeat(np.arange(len(lengths)), lengths)
@@ -110,7 +142,17 @@ class Episodes(NamedTuple):
     def levels(
         self, weights: RewardPair, dataset: Int[Array, ""], count: int
     ) -> Int[Array, " episode"]:
-        """Return each episode's level by R(α) in its set: 0 is the best, `count` of another set."""
+        """Return each episode's level by R(α) in its set.
+
+        Args:
+            weights: (cos α, sin α) of R(α).
+            dataset: Number of the set.
+            count: Number of levels.
+
+        Returns:
+            Level of each episode: 0 is the best, and `count` marks episodes of another set. Of
+            equal episodes all have the better level.
+        """
         numbers = jnp.arange(self.inside.shape[0])
         in_set = (numbers >= self.bounds[dataset]) & (numbers < self.bounds[dataset + 1])
         scores = jnp.where(in_set, score(weights, self.totals), -jnp.inf)
@@ -127,7 +169,15 @@ class Episodes(NamedTuple):
         size: int,
         scores: Float[Array, " episode"],
     ) -> Pairs:
-        """Draw pairs of episodes of one set with replacement, ranked by the episodes' scores."""
+        """Draw pairs of episodes of one set with replacement, ranked by the episodes' scores.
+
+        Args:
+            table: Table that has the rows of the episodes.
+            key: Random key.
+            dataset: Number of the set.
+            size: Number of pairs.
+            scores: Score of each episode; a larger one is better.
+        """
         bounds = self.bounds[dataset], self.bounds[dataset + 1]
         sides = expert_table.draw_between(key, 2 * size, *bounds).reshape(2, size)
         rows = jax.tree.map(lambda column: column[self.rows[sides]], table.columns)
@@ -150,13 +200,19 @@ class Baseline(kernel.Learner):
     acting: ClassVar[str] = "policy"  # or "values", by softmax(Q/τ)
 
     def conditioned_network(self, key: PRNGKeyArray) -> DialNetwork:
-        """Draw a network with two inputs beside the observation."""
-        static, (n_features, n_actions) = self.static, self.sizes
+        """Draw a network with two inputs in addition to the observation."""
+        static = self.static
+        n_features, n_actions = self.sizes
         shape = (static.hidden, n_actions, static.activation, static.view)
         return DialNetwork.initialise(key, n_features, *shape)
 
     def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> Any:
-        """Return the policy of the acting part."""
+        """Return the policy of the acting part.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained network.
+        """
         temperature = 1.0 if self.acting == "policy" else hyperparameters.temperature
         network = getattr(state.network, self.acting)
         return QPolicy.of(network, temperature, self.record(hyperparameters))
@@ -167,11 +223,24 @@ class EpisodeLearner(Baseline):
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> Any:
-        """Make the learner of sets of demonstrations and their episodes."""
+        """Make the learner of sets of demonstrations and their episodes.
+
+        Args:
+            static: Static configuration of all runs.
+            datasets: Sets of demonstrations.
+        """
         learner: Any = super().of(static, datasets)
         return cls(static, learner.sizes, learner.table, Episodes.of(datasets, learner.table))
 
     def rows(self, key: PRNGKeyArray, dataset: Int[Array, ""]) -> Int[Array, " batch"]:
-        """Draw the numbers of demonstrated rows of one set."""
+        """Draw the numbers of demonstrated rows of one set, uniformly and with replacement.
+
+        Args:
+            key: Random key.
+            dataset: Number of the set.
+
+        Returns:
+            Numbers of rows of the table, as many as a batch has.
+        """
         bounds = self.table.row_bounds[dataset], self.table.row_bounds[dataset + 1]
         return expert_table.draw_between(key, self.static.batch_size, *bounds)

@@ -10,7 +10,8 @@ import pytest
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
 from socialiq_recordings.world.build import Made, build
-from socialiq_recordings.world.recorded_world import RecordedWorld, WorldConfig
+from socialiq_recordings.world.config import WorldConfig
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 FRAMES = 60
 STARTS = {"west": 40.0, "south": 50.0, "behind": 70.0}

@@ -18,8 +18,9 @@ from socialiq.errors import UserError
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending
+from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.gym import RecordedJunctionEnv
-from socialiq_recordings.world.recorded_world import RecordedWorld, WorldConfig
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 
 class Wait:
@@ -63,8 +64,8 @@ def test_episodes_are_those_of_the_environment(world_file):
             totals += info["reward_pair"]
             ended, length = terminated or truncated, length + 1
         assert found.totals[row] == pytest.approx(totals)
-        assert Ending(int(found.ending[row])).name.lower() == info["ending"]
-        assert found.length[row] == length
+        assert Ending(int(found.episodes.ending[row])).name.lower() == info["ending"]
+        assert found.episodes.length[row] == length
 
 
 def test_the_calibrated_driver_arrives_and_waiting_never_does(world_file):
@@ -73,9 +74,9 @@ def test_the_calibrated_driver_arrives_and_waiting_never_does(world_file):
     driver, go, wait = (
         course.drive(Reference(name, junction.driver(name))) for name in junction.references
     )
-    assert driver.name == "driver" and (driver.ending == Ending.ARRIVAL).all()
-    assert (wait.ending == Ending.TIMEOUT).any() and not (wait.at_fault | wait.struck).any()
-    assert go.at_fault.any()
+    assert driver.name == "driver" and driver.episodes.arrival.all()
+    assert wait.episodes.timeout.any() and not wait.episodes.collision.any()
+    assert go.episodes.at_fault.any()
     assert driver.mean.env > wait.mean.env
 
 

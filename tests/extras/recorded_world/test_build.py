@@ -9,8 +9,8 @@ from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import RoadNetwork, Sign
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.compare import contacts
+from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.lines import closures_of
-from socialiq_recordings.world.recorded_world import WorldConfig
 from socialiq_recordings.world.replay import replay
 
 

@@ -17,25 +17,28 @@ from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.profile import measured_in
 from socialiq.cli.main import main
 from socialiq.errors import UserError
-from socialiq.evaluation.effects import QUANTITIES, Effects, measure, measuring
+from socialiq.evaluation.effects import QUANTITIES, measure, measuring
+from socialiq.evaluation.measures import Episodes
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.types import Ending
 from socialiq.worlds.environment import make_environment
-from socialiq.worlds.highway.effects import REPEAT, SIGNALS
+from socialiq.worlds.highway.effects import RELATIONS, REPEAT, SIGNALS
+from socialiq_recordings.world.config import AS_DRIVER
 from socialiq_recordings.world.practice import Practice, record, train_with_practice
-from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld
+from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.replay import replay
 from socialiq_recordings.world.traffic import PRESENT
 
 SEEDS = np.arange(64)
 
 
-def effects_of(world: RecordedWorld, name: str, **options) -> Effects:
+def effects_of(world: RecordedWorld, name: str, **options) -> Episodes:
     return measure(measuring(world, **options), world.driver(name), SEEDS)
 
 
-def causes_nothing(effects: Effects) -> bool:
-    largest = max(np.abs(effects.delay).max(), np.abs(effects.braking).max())
+def causes_nothing(effects: Episodes) -> bool:
+    delays = [effects[f"delay_{name}"] for name in RELATIONS]
+    largest = max(np.abs(delays).max(), np.abs(effects.braking).max())
     moved = bool(effects.helped.any() or effects.harmed.any())
     moved |= not np.array_equal(effects.not_caused, effects.charged)
     moved |= bool(effects.caused.any() or effects.gained.any() or effects.lost.any())
@@ -58,7 +61,7 @@ def test_who_meets_nobody_or_is_alone_causes_nothing(world: RecordedWorld, name:
 
 def test_no_trivial_driver_looks_kind(world: RecordedWorld) -> None:
     driver, go, wait = (effects_of(world, name) for name in world.drivers)
-    delay, of_go, of_wait = (row.delay.sum(axis=1) for row in (driver, go, wait))
+    delay, of_go, of_wait = (row.delay for row in (driver, go, wait))
     assert of_wait.mean() > delay.mean() and of_go.mean() >= delay.mean()
     assert wait.harmed.sum() > 0 and go.totals.social.mean() < driver.totals.social.mean()
     struck = go.ending == int(Ending.COLLISION)
@@ -184,9 +187,9 @@ def test_an_audit_measures_what_the_command_does(world_file: Path, world: Record
     course = Course(world, SEEDS, 16, measured=QUANTITIES)
     driver = course.drive(Reference("wait", world.driver("wait")))
     effects = effects_of(world, "wait")
-    assert np.array_equal(driver.beside["delay"], effects.delay.sum(axis=1))
-    assert np.array_equal(driver.beside["gap_below_1_s"], effects.gap < 1.0)
-    assert np.array_equal(driver.totals[:, 0], effects.totals.env)
+    assert np.array_equal(driver.episodes["delay"], effects.delay)
+    assert np.array_equal(driver.episodes["gap_below_1_s"], effects.gap < 1.0)
+    assert np.array_equal(driver.totals[:, 0], effects.r_env)
 
 
 def test_a_vehicle_behind_loses_what_it_would_have_driven(world: RecordedWorld) -> None:
@@ -199,7 +202,7 @@ def test_a_vehicle_behind_loses_what_it_would_have_driven(world: RecordedWorld) 
     egos = batch.traffic.ego == south
     stopped = batch.traffic.along[:, south] + batch.traffic.speed[:, south] ** 2 / 8.0
     offset = STARTS["behind"] - STARTS["south"]  # of the coordinates on the two ways
-    gap = effects.delay[egos, 0] - (end - stopped[egos] - offset)
+    gap = effects.delay_same_approach[egos] - (end - stopped[egos] - offset)
     size = world.road.length[south] / 2 + world.road.length[behind] / 2
     assert egos.sum() > 10 and ((gap > size) & (gap < size + 8.0)).all()
 

@@ -10,8 +10,9 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import RECORDED_JUNCTION
 from socialiq.worlds.environment import make_environment
-from socialiq_recordings.world.gym import JunctionBatch
-from socialiq_recordings.world.recorded_world import AS_DRIVER
+from socialiq.worlds.registry import open_world
+from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.config import AS_DRIVER
 from socialiq_recordings.world.replay import replay
 
 ENV = RECORDED_JUNCTION
@@ -117,3 +118,54 @@ def test_replayed_moments_are_observed_as_the_environment_observes_them(world):
             assert np.array_equal(seen, table.observation[first])
             return
     pytest.fail("no episode begins at the first moment")
+
+
+@pytest.mark.parametrize("shift", ["latency=1", "unseen=.5", "noise=1", "late,unseen=.5 or none"])
+def test_faults_are_those_of_every_road(world, world_file, shift):
+    """By the seed, in copies and in the environment; late actions are those of before."""
+    shifted = world.shifted(shift, "track=2")
+    assert shifted.description != world.description and "track=2" in shifted.description
+    batch, again = shifted.batch(6), shifted.batch(6)
+    plain = world.batch(6)
+    assert batch.reset(range(6)).tolist() == again.reset(range(6)).tolist()
+    plain.reset(range(6))
+    idle = world.config.levels.index(0.0)
+    shown = [made.step(np.full(6, 5), auto_reset=False) for made in (batch, again, plain)]
+    np.testing.assert_array_equal(shown[0].observation, shown[1].observation)
+    if shift == "latency=1":
+        plain.reset(range(6))
+        on_time = plain.step(np.full(6, idle), auto_reset=False)
+        np.testing.assert_array_equal(shown[0].speed, on_time.speed)
+    copies = batch.branch([2, 2])
+    state = batch.save()
+    after = batch.step(np.full(6, 4), auto_reset=False, rows=batch.running).observation
+    copied = copies.step(np.full(2, 4), auto_reset=False, rows=copies.running).observation
+    np.testing.assert_array_equal(copied, after[[2, 2]])
+    batch.restore(state)
+    np.testing.assert_array_equal(batch.observation, shown[0].observation)
+    env = make_environment(str(world_file), {"shift": shift, "front_end": "track=2"})
+    np.testing.assert_array_equal(env.reset(seed=3)[0], again.reset(range(6))[3])
+
+
+@pytest.mark.parametrize(
+    ("shift", "front_end", "words"),
+    [("dense", "", "no option initial_vehicle_count"), ("late", "known", "leave out its latency")],
+)
+def test_what_a_recording_fixes_is_refused(world, shift, front_end, words):
+    with pytest.raises(UserError, match=words):
+        world.shifted(shift, front_end)
+
+
+def test_the_grammar_takes_faults_of_a_file_and_no_options(world, world_file):
+    text = f"{world_file},late,noise=1,front_end=[track=2]"
+    shifted = world.shifted("late,noise=1", "track=2")
+    assert open_world(text).description == shifted.description
+    seen = make_environment(text).reset(seed=3)[0]
+    np.testing.assert_array_equal(seen, shifted.batch(1).reset([3])[0])
+    timed = make_environment(f"{world_file},clock=true")
+    assert timed.observation_space.shape == (world.n_features + 1,)
+    for option in ("duration=30", "clock=true"):
+        with pytest.raises(UserError, match=f"takes no options, got {option.split('=')[0]}"):
+            open_world(f"{world_file},{option}")
+    with pytest.raises(UserError, match="no option initial_vehicle_count"):
+        open_world(f"{world_file},dense")

@@ -19,7 +19,8 @@ from socialiq_recordings import files
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.compare import contacts
-from socialiq_recordings.world.recorded_world import AS_DRIVER, RecordedWorld, WorldConfig
+from socialiq_recordings.world.config import AS_DRIVER, WorldConfig
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 GO, WAIT = 5, 0
 WEST, SOUTH, BEHIND = range(3)

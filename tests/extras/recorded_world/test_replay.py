@@ -7,7 +7,7 @@ from socialiq.types import Ending
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.world import compare
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.recorded_world import LEVELS, WorldConfig
+from socialiq_recordings.world.config import LEVELS, WorldConfig
 from socialiq_recordings.world.replay import replay
 
 

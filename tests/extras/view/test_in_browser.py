@@ -24,8 +24,7 @@ from socialiq.demonstrations import files
 from socialiq.evaluation.rollout import record
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 pytestmark = needs_browser
 
@@ -55,7 +54,7 @@ def shown(tab, place):
 
 def outcome(driver, seed):
     """Return the words of the page for how a driver ends an episode, by the native core."""
-    driven = record(Batch(Options(), 1), driver, [seed], "one").transitions
+    driven = record(Intersection().batch(1), driver, [seed], "one").transitions
     words = {1: "arrives", 2: "collides", 3: "is still waiting"}
     return f"{words[driven.ending[-1]]} after {len(driven.ending)} s"
 
@@ -91,7 +90,9 @@ def test_a_dial_of_the_users_turns(tab, serving):
 
 
 def test_demonstrations_are_driven_again_or_drawn(tab, serving, tmp_path):
-    table = record(Batch(Options(), 4), policies.policy("idm"), range(86, 90), "idm").transitions
+    table = record(
+        Intersection().batch(4), policies.policy("idm"), range(86, 90), "idm"
+    ).transitions
     files.save(tmp_path / "some.safetensors", table)
     with serving(tmp_path / "some.safetensors") as address:
         go(tab, address, "#step=200")
@@ -111,7 +112,7 @@ def test_demonstrations_are_driven_again_or_drawn(tab, serving, tmp_path):
 
 
 def test_demonstrations_without_seeds_are_drawn_from_what_was_observed(tab, serving, tmp_path):
-    table = record(Batch(Options(), 2), policies.policy("go"), range(86, 88), "go").transitions
+    table = record(Intersection().batch(2), policies.policy("go"), range(86, 88), "go").transitions
     files.save(tmp_path / "some.safetensors", table.subsample(2))
     with serving(tmp_path / "some.safetensors") as address:
         go(tab, address)

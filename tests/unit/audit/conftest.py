@@ -9,6 +9,7 @@ from socialiq.audit.look import Plan
 from socialiq.audit.profile.profile import Margin, Profile
 from socialiq.audit.profile.template import declare
 from socialiq.audit.seeds import Commitment
+from socialiq.evaluation.measures import Episodes
 from socialiq.types import Ending
 
 
@@ -21,9 +22,10 @@ def outcomes(
 ) -> Outcomes:
     rows = np.array(totals, np.float64).reshape(-1, 2)
     kinds = np.full(len(rows), Ending.ARRIVAL) if ending is None else np.array(ending)
-    touched = np.zeros(len(rows)) if contact is None else np.array(contact)
-    length = np.ones(len(rows), np.int64)
-    return Outcomes(name, rows, kinds.astype(np.int8), touched.astype(np.int8), length, **fields)
+    touched = np.zeros(len(rows), np.int64) if contact is None else np.array(contact)
+    columns = {"r_env": rows[:, 0], "r_social": rows[:, 1], "ending": kinds, "contact": touched}
+    columns |= {"length": np.ones(len(rows), np.int64)} | fields.pop("beside", {})
+    return Outcomes(name, Episodes(columns), **fields)
 
 
 def evidence(policy: Outcomes, *references: Outcomes, **strata: np.ndarray) -> Evidence:

@@ -13,8 +13,9 @@ from socialiq.audit.report.folder import MANIFEST, STATEMENT, sealed, views_of
 from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict.verdict import judge
 from socialiq.cli.main import main
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 

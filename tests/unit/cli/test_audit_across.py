@@ -6,8 +6,9 @@ import shutil
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 

@@ -58,7 +58,7 @@ def refused(capsys, *arguments):
         (["front", "intersection"], "choose one of crossing5, crossing7"),
         (
             ["collect", "intersection", "--out", "x"],
-            "give the Gymnasium id, as socialiq/Intersection-v1",
+            "has no exact experts: give a --driver for each mode",
         ),
         (["render", "intersection", "--angle", "3", "--out", "x.png"], "add --driver"),
         (["render", "crossing5", "--driver", "go", "--out", "x.png"], "use --angle"),
@@ -84,10 +84,11 @@ def refused(capsys, *arguments):
         (["conformance", "--actions", "x"], "--actions x: choose one of "),
         (["conformance", "--scene", "x"], "--scene x: choose one of intersection, merge"),
         (["conformance", "--scene", "merge", "--population", "thesis"], "leave it out with merge"),
-        (["conformance", "--agents", "5"], "--agents takes 1 to 4, with discrete actions, got 5"),
+        (["conformance", "--agents", "5"], "--agents takes 1 to 4, got 5"),
         (["conformance", "--scene", "merge", "--agents", "2"], "leave it out with merge"),
         (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
         (["evaluate", "policy.onnx"], "no such file: policy.onnx"),
+        (["evaluate", "gap_3s", "--world", "merge", "--episodes", "3"], "choose one of go, idle"),
         (
             ["train", "cql", "nowhere.safetensors", "--out", "x"],
             "no such file: nowhere.safetensors",

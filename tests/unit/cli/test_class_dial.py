@@ -64,7 +64,7 @@ def test_a_dial_that_observes_vehicles_alone_drives_among_people_and_is_told(cap
     words = ["evaluate", dial, "--world", "intersection-crosswalk", "--episodes", "8", "--json"]
     assert main(words) == 0
     captured = capsys.readouterr()
-    assert "does not see people on foot" in captured.err
+    assert "does not see pedestrians" in captured.err
     assert json.loads(captured.out)["arrival"] > 0.0
     assert (
         main(["evaluate", "go", "--world", "intersection", "--episodes", "2", "--shield", "2"]) == 2
@@ -85,7 +85,7 @@ def test_an_audit_measures_what_a_driver_causes_each_class():
     driven, ground = course.outcomes("fast", fast), ClassGround(table)
     exact = ground.measured(np.tile([0.0, 0.0, 1.0], (ground.part.mdp.n_states, 1)))
     for name, column in (("delay", "vehicles_delayed"), ("waiting", "pedestrians_waiting")):
-        values = driven.beside[name]
+        values = driven.episodes[name]
         error = values.std() / np.sqrt(len(values))
         assert exact[column] > 0.0
         assert abs(values.mean() - exact[column]) <= 4 * error + 1e-12

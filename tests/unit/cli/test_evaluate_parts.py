@@ -8,30 +8,26 @@ from socialiq.cli import evaluate
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.main import main
 from socialiq.evaluation import parts
-from socialiq.evaluation.episodes import Episodes, episodes_of
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.measures import joined
+from socialiq.worlds.grammar import parse
+from socialiq.worlds.intersection.world import Intersection
 
 
 def as_text(episodes):
-    return [
-        str([side.tolist() for side in value])
-        if isinstance(value, tuple) and name != "signal_names"
-        else str(getattr(value, "tolist", lambda value=value: value)())
-        for name, value in zip(Episodes._fields, episodes, strict=True)
-    ]
+    return {name: str(column.tolist()) for name, column in episodes.items()}
 
 
 @pytest.mark.parametrize(("name", "soft"), [("gap_3s", False), ("prosocial", True)])
 def test_parts_are_the_whole(name, soft):
     seeds = range(7, 30)
     driver = driver_of(name, Intersection()).policy
-    whole = episodes_of(Batch(Options(), len(seeds)), driver, [*seeds], not soft)
+    whole = episodes_of(Intersection().batch(len(seeds)), driver, [*seeds], not soft)
     for processes in (1, 3):
         blocks = parts.blocks_of(seeds, processes)
-        road = (name, ("intersection", "", ""), None, False, soft, 0.0, len(seeds))
+        road = (name, parse("intersection"), None, False, soft, 0.0, len(seeds))
         played = [evaluate._play_road(*road, block) for block in blocks]
-        assert as_text(parts.joined(played)) == as_text(whole)
+        assert as_text(joined(played)) == as_text(whole)
 
 
 @pytest.mark.slow

@@ -68,7 +68,7 @@ def test_a_full_disk_leaves_no_half_of_a_training(checkpoint, monkeypatch):
     out = new_folder(Path("run"))
     if checkpoint:
         (out / "checkpoint.safetensors").write_bytes(b"0")
-    run, trained = RunFolder(out, "policy", RunOptions(), False), object.__new__(Trained)
+    run, trained = RunFolder(out, "policy", RunOptions()), object.__new__(Trained)
     learner = SimpleNamespace(no_angle=lambda: "")
     vars(trained).update(learner=learner, history=History(), hyperparameters=())
 

@@ -109,7 +109,7 @@ def test_fleets_of_two_rules(dial, tmp_path, capsys):
         (["--episodes", "1"], "--episodes 1"),
         (["--agents", "20"], "at most 16"),
         (["--agents", "1", "--invaders", "1"], "leave no resident"),
-        (["--policy", "x"], "is no file of a dial"),
+        (["--policy", "x"], "unknown driver 'x'"),
         (["--spawn-probability", "2"], "spawn_probability"),
         (["--out", "."], "is no new place"),
     ],

@@ -81,7 +81,7 @@ def test_an_offline_training(slope, data, monkeypatch, capsys):
 def test_any_other_training(slope, capsys):
     Path("run").mkdir()
     trained = types.SimpleNamespace(hyperparameters=[None], policy=lambda _: dial_of(slope))
-    run = RunFolder(Path("run"), "dial", RunOptions(), False)
+    run = RunFolder(Path("run"), "dial", RunOptions())
     run.save_policies(trained, observe=lambda dial: np.eye(dial.n_features))
     assert capsys.readouterr().err.count(f"run/dial_0.safetensors {SAME}") == (slope == 0.0)
 

@@ -8,16 +8,17 @@ import jax
 import numpy as np
 import pytest
 
-from socialiq.cli.drivers import driver_of, road_named
+from socialiq.cli.drivers import driver_of
 from socialiq.cli.evaluate import target_of
 from socialiq.cli.main import main
 from socialiq.nn.actor import Actor
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.worlds.grammar import build
 
 WORLD = "intersection-continuous-steering"
 ENDS = f"{WORLD}-offroad"
 NAMED = "socialiq/IntersectionContinuousSteering-v1"
-ALL = f"intersection-continuous, {WORLD}, {ENDS}"
+ALL = "intersection,control=continuous or control=steering"
 
 pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
@@ -65,7 +66,7 @@ def test_discrete_actions_have_no_such_share(capsys, policies) -> None:
 
 def test_policies_of_one_angle_are_pooled(policies, capsys) -> None:
     for name, angle in (("FIRST", 30.0), ("TIMELESS", None)):
-        assert target_of(driver_of(str(policies[name]), road_named(WORLD)).record) == angle
+        assert target_of(driver_of(str(policies[name]), build(WORLD)).record) == angle
     words = ["evaluate", "FIRST", "SECOND", "--world", WORLD, "--episodes", "3"]
     assert "angle" in printed(words, policies, capsys)["pooled"]
     words[2] = "TIMELESS"
@@ -100,8 +101,8 @@ def test_an_environment_shows_the_time_to_a_policy_that_takes_it(policies, capsy
             ["train", "dial", "--world", WORLD, "--out", "run"],
             f"`socialiq train sac --world {WORLD} --set dial=true` trains a dial of them",
         ),
-        (["dial", "intersection", "--policy", "DIAL"], f"continuous actions: choose one of {ALL}"),
-        (["dial", "crossing7", "--policy", "DIAL"], f"continuous actions: choose one of {ALL}"),
+        (["dial", "intersection", "--policy", "DIAL"], f"continuous actions: choose {ALL}"),
+        (["dial", "crossing7", "--policy", "DIAL"], f"continuous actions: choose {ALL}"),
         (
             ["dial", "intersection-continuous", "--policy", "DIAL"],
             "the world has 70 and actions of 1 number (a clock adds a feature)",

@@ -163,8 +163,8 @@ def policy_file(folder, name, features=70, actions=3):
     [
         (["crossing7", "--preset", "intersection"], "is not for crossing7: choose online,"),
         (["intersection", "--preset", "online"], "is not for intersection: choose intersection"),
-        (["intersection"], "collect socialiq/Intersection-v1 --driver FILE"),
-        (["merge"], "collect socialiq/Merge-v1 --driver FILE"),
+        (["intersection"], "collect intersection --driver FILE"),
+        (["merge"], "collect merge --driver FILE"),
         (["merge", "--preset", "online"], "is not for merge: choose intersection"),
         (["roundabout", "--angle", "45", "--budget", "1"], "train in a gridworld"),
         (["intersection", "--angle", "45", "--budget", "1"], "train in a gridworld"),

@@ -1,12 +1,15 @@
 """`unlikeness` and `--fallback`: who decides, which share, and what is refused."""
 
 import json
+from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 from socialiq.cli.main import main
 from socialiq.evaluation.simulate import Watched, play
+from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.worlds.intersection.world import Intersection
 
@@ -63,7 +66,7 @@ def test_the_share_is_of_running_episodes_alone():
         (["{scored}", *ROAD, "--fallback", "wait=x"], "give a rate as wait=0.05"),
         (["{scored}", *ROAD, "--fallback", "wait=0.9"], "from 0.001 to 0.5"),
         (["{scored}", *ROAD, "--fallback", "wait", "--soft"], "goes without --soft"),
-        (["{scored}", "--world", "crossing7", "--fallback", "wait"], "are of intersection"),
+        (["{scored}", "--world", "crossing7", "--fallback", "wait"], "which has no sensor"),
     ],
 )
 def test_mistakes_are_one_line(words, said, scored, capsys):
@@ -87,6 +90,27 @@ def test_what_has_no_score_is_one_line(words, said, capsys, tmp_path):
     assert said in line and line.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
-def test_a_fallback_of_effects_is_of_the_intersection(scored, capsys):
+def test_shift_front_end_and_fallback_at_the_merge(tmp_path, capsys):
+    """A scored network hands over to another one behind sensors with noise, in both commands."""
+    plain, scored, brake = (str(tmp_path / f"{name}.safetensors") for name in ("a", "b", "c"))
+    for seed, path in enumerate((plain, brake)):
+        network = QNetwork.initialise(jax.random.key(seed), 36, (8,), 5)
+        QPolicy.of(network, 1.0, {}).save(Path(path))
+    words = ["--world", "merge", "--episodes", "4", "--seed", "5"]
+    assert main(["unlikeness", plain, *words, "--out", scored]) == 0
+    capsys.readouterr()
+    own = result(["evaluate", plain, *words], capsys)
+    late = result(["evaluate", plain, *words, "--shift", "late"], capsys)
+    assert late["r_env"] != own["r_env"] and "fallback" not in late
+    sensed = ["--shift", "noise=60", "--front-end", "known", "--fallback", f"{brake}=0.5"]
+    noisy = result(["evaluate", scored, *words, *sensed], capsys)
+    assert 0.0 < noisy["fallback"] < 1.0 and noisy["r_env"] != own["r_env"]
+    effects = ["effects", "merge", "--policy", scored, "--episodes", "4", "--seed", "5"]
+    drivers = result([*effects, *sensed], capsys)["drivers"]
+    assert drivers[0]["fallback"] == pytest.approx(noisy["fallback"])
+    assert drivers[0]["r_env"] == pytest.approx(noisy["r_env"])
+
+
+def test_a_policy_of_another_road_is_no_fallback(scored, capsys):
     assert main(["effects", "merge", "--policy", scored, "--fallback", "wait"]) == 2
-    assert "are of intersection" in capsys.readouterr().err
+    assert "takes 70 features" in capsys.readouterr().err

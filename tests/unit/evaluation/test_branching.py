@@ -15,7 +15,7 @@ from socialiq.learners.policy_iteration import DialIterationConfig
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_fleet
 
 GO = policy("go")
@@ -26,7 +26,7 @@ def follow(observation):
 
 
 def batch_after(actions, size=64):
-    batch = Batch(Options(), size)
+    batch = Intersection().batch(size)
     batch.reset(700)
     for action in actions:
         batch.step(np.full(size, action))
@@ -38,7 +38,7 @@ def test_returns_are_those_of_each_action_driven_alone(actions):
     batch = batch_after(actions)
     found = branched_returns(batch, follow)
     for action in range(len(ACTIONS)):
-        copy = Batch(Options(), batch.size)
+        copy = Intersection().batch(batch.size)
         copy.restore(batch.save())
         running, chosen = np.ones(batch.size, bool), np.full(batch.size, action)
         env = np.zeros(batch.size)
@@ -53,7 +53,7 @@ def test_returns_are_those_of_each_action_driven_alone(actions):
 def test_the_policys_own_action_gives_its_episode():
     batch = batch_after(())
     found = branched_returns(batch, follow)
-    alone = episodes_of(Batch(Options(), 64), GO, np.arange(700, 764)).totals
+    alone = episodes_of(Intersection().batch(64), GO, np.arange(700, 764)).totals
     np.testing.assert_allclose(found.env[:, FASTER], alone.env)
     np.testing.assert_allclose(found.social[:, FASTER], alone.social)
 
@@ -125,9 +125,9 @@ def test_an_action_that_the_policy_would_take_changes_nothing(fleets):
         np.testing.assert_array_equal(column, saved)
     going = drive(make_fleet(agents=4, duration=12.0).batch(3), [policy("go")], [7, 8, 9])
     rows = np.arange(3)
-    np.testing.assert_allclose(returns.env[:, FASTER], going.rewards.env[rows, chosen])
+    np.testing.assert_allclose(returns.env[:, FASTER], going.r_env[rows, chosen])
     everybody = (returns.env + returns.social)[:, FASTER]
-    np.testing.assert_allclose(everybody, going.rewards.env.sum(axis=1))
+    np.testing.assert_allclose(everybody, going.r_env.sum(axis=1))
     assert (returns.env[:, 0] != returns.env[:, FASTER]).any()
     assert (returns.social[:, 0] != returns.social[:, FASTER]).any()
 

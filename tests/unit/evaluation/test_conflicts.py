@@ -11,11 +11,12 @@ from socialiq.evaluation.episodes import (
     entered,
     episodes_of,
 )
+from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.simulate import play
 from socialiq.statistics.intervals import wilson
-from socialiq.worlds.intersection.options import SLOWER, Options
+from socialiq.worlds.intersection.options import SLOWER
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 TURNING = (-1.0, 1.0)  # the ego's place when it has left its approach lane
 
@@ -82,7 +83,7 @@ def test_nobody_is_in_conflict_with_no_one():
 
 def test_the_driver_who_accepts_gaps_of_3_s_brakes_for_the_same_conflicts():
     judged = 0
-    for step in play(Batch(Options(), 64), policy("gap_3s"), range(200)):
+    for step in play(Intersection().batch(64), policy("gap_3s"), range(200)):
         seen, action = step.observation[step.running], step.action[step.running]
         judging = at_junction(seen) & ~entered(seen)
         met = conflict_at_junction(seen)
@@ -93,14 +94,15 @@ def test_the_driver_who_accepts_gaps_of_3_s_brakes_for_the_same_conflicts():
 
 @pytest.fixture(scope="module")
 def waited():
-    return episodes_of(Batch(Options(), 8), policy("wait"), range(8))
+    return episodes_of(Intersection().batch(8), policy("wait"), range(8))
 
 
-def test_rates_by_hand(waited):
+def test_rates_by_hand():
     # Eight episodes, five of them enter: two strike there, one is struck there, and one more is
     # struck before it enters.
     found = conflict_rates(
-        waited._replace(
+        Episodes(
+            ending=np.array([2, 2, 2, 1, 1, 2, 3, 3]),
             contact=np.array([1, 1, 2, 0, 0, 2, 0, 0]),
             entered=np.array([True] * 5 + [False] * 3),
             conflicts=np.array([4, 3, 2, 1, 0, 5, 3, 2]),

@@ -7,9 +7,8 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy as rule_based
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.situation import ContextPolicy
 
 SEEDS = np.arange(50_400_000, 50_400_012)
@@ -26,7 +25,7 @@ def some_dial() -> DialPolicy:
 
 
 def test_at_a_constant_angle_the_losses_of_an_episode_are_its_regret() -> None:
-    batch, dial = Batch(Options(), 8), some_dial()
+    batch, dial = Intersection().batch(8), some_dial()
     driven, found = losses_of(batch, rule_based("gap_3s"), SEEDS, dial, CONSTANT, (20.0, 50.0))
     best = episodes_of(batch, dial.at(50.0), SEEDS)
     regret = score(exact_weights(50.0), best.totals) - score(exact_weights(50.0), driven.totals)
@@ -37,7 +36,7 @@ def test_at_a_constant_angle_the_losses_of_an_episode_are_its_regret() -> None:
 
 
 def test_the_driver_that_follows_the_rule_loses_nothing() -> None:
-    batch, dial = Batch(Options(), 8), some_dial()
+    batch, dial = Intersection().batch(8), some_dial()
     policy = ContextPolicy.of(dial, BY_CONTEXT)
     driven, found = losses_of(batch, policy, SEEDS, dial, BY_CONTEXT, (5.0, 80.0))
     assert not found.declared.any()

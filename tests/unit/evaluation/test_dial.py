@@ -16,6 +16,7 @@ from socialiq.evaluation.dial import (
 )
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Metrics, Optimum, action_table, evaluate_exactly, visit_counts
+from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.rollout import rollout_table, rollout_totals
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.nn.dial_network import DialNetwork
@@ -25,8 +26,7 @@ from socialiq.social.dial import mixture, setting
 from socialiq.types import RewardPair
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 
 @pytest.fixture(scope="module", name="part")
@@ -121,7 +121,7 @@ def untrained() -> DialPolicy:
 
 
 def test_every_angle_drives_the_same_episodes(driver: DialPolicy) -> None:
-    batch, seeds = Batch(Options(), 4), np.arange(6)
+    batch, seeds = Intersection().batch(4), np.arange(6)
     found = rollout_dial(driver, batch, (0.0, 90.0), seeds)
     assert found.sweep.angles == (0.0, 90.0)
     for angle, metrics, totals in zip((0.0, 90.0), found.sweep.metrics, found.totals, strict=True):
@@ -131,10 +131,16 @@ def test_every_angle_drives_the_same_episodes(driver: DialPolicy) -> None:
         np.testing.assert_allclose(totals.mean(axis=0), metrics.totals)
 
 
+def rollouts(totals) -> DialRollouts:
+    """Rollouts at 0 and 90 degrees whose episodes have these totals."""
+    episodes = tuple(Episodes(r_env=sums[:, 0], r_social=sums[:, 1]) for sums in totals)
+    return DialRollouts(Sweep((0.0, 90.0), ()), episodes)
+
+
 def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
     rng = np.random.default_rng(0)
     totals = tuple(rng.normal(center, 0.3, (200, 2)) for center in ((3.0, 0.0), (0.0, 2.0)))
-    one, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals, (0.0, 0.0)).mixture(45.0, seed=7)
+    one, shown = rollouts(totals).mixture(45.0, seed=7)
     chosen = setting(np.array([sums[:100].mean(axis=0) for sums in totals]), 45.0)
     assert one == chosen and 0.0 < one.share < 1.0
     means = np.array([sums[100:].mean(axis=0) for sums in totals])
@@ -149,7 +155,7 @@ def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
     widths = []
     for sign in (1.0, -1.0):
         totals = (luck + east, sign * luck + north)
-        _, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals, (0.0, 0.0)).mixture(45.0, seed=7)
+        _, shown = rollouts(totals).mixture(45.0, seed=7)
         widths.append(shown.high - shown.low)
     assert widths[1] < 0.2 * widths[0]
 
@@ -157,9 +163,9 @@ def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
 def test_a_mixture_out_of_reach_and_too_few_episodes_are_said(driver: DialPolicy) -> None:
     totals = (np.ones((4, 2)), np.ones((4, 2)))
     with pytest.raises(UserError, match="no mixture of these policies lies at 90 degrees"):
-        DialRollouts(Sweep((0.0, 90.0), ()), totals, (0.0, 0.0)).mixture(90.0, seed=0)
+        rollouts(totals).mixture(90.0, seed=0)
     with pytest.raises(UserError, match="two episodes or more"):
-        rollout_dial(driver, Batch(Options(), 1), (0.0,), np.arange(1))
+        rollout_dial(driver, Intersection().batch(1), (0.0,), np.arange(1))
 
 
 def test_a_calibrated_dial_is_the_upper_hull_of_its_points(dial) -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.evaluation.effects import _gaps, cells_lost, expected_delay, measure, summary
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.types import Ending
 from socialiq.worlds.enumerate import tabulate
@@ -25,7 +26,7 @@ def waiting(world):
 
 def test_who_waits_costs_its_followers(waiting):
     row = summary(waiting)
-    assert row["delay"] == pytest.approx(waiting.delay.sum(axis=1).mean())
+    assert row["delay"] == pytest.approx(waiting.delay.mean())
     assert row["delay_low"] > 20
     assert row["delay_same_approach"] > 0.8 * row["delay"]
     assert row["collision"] == 0
@@ -35,15 +36,13 @@ def test_who_waits_costs_its_followers(waiting):
 
 
 def test_eq_4_2_is_what_the_plain_world_gives(world, waiting):
-    from socialiq.evaluation.episodes import road_episodes
-
     plain = open_world("intersection", spawn_probability=0.0)
     caused = open_world("intersection-caused", spawn_probability=0.0, tow_after=0.0)
     driver = plain.driver("gap_3s")
     measured = measure(caused, driver, SEEDS)
-    episodes = road_episodes(plain.batch(len(SEEDS)), driver, SEEDS)
-    np.testing.assert_allclose(measured.eq_4_2, episodes.totals.social, atol=1e-9)
-    np.testing.assert_allclose(measured.totals.env, episodes.totals.env, atol=1e-9)
+    episodes = episodes_of(plain.batch(len(SEEDS)), driver, SEEDS)
+    np.testing.assert_allclose(measured.r_eq_4_2, episodes.r_social, atol=1e-9)
+    np.testing.assert_allclose(measured.r_env, episodes.r_env, atol=1e-9)
 
 
 def test_counts_are_of_parts(waiting):
@@ -59,8 +58,8 @@ def test_drivers_share_the_world_without_the_ego(world, waiting):
     [state] = begun.values()
     after_another = measure(world, world.driver("wait"), SEEDS, begun)
     assert not state.ledger.signals.any() and (state.episodes["time"] == 0).all()
-    for name in waiting._fields:
-        np.testing.assert_array_equal(getattr(waiting, name), getattr(after_another, name))
+    for name, column in waiting.items():
+        np.testing.assert_array_equal(column, after_another[name])
 
 
 def test_blocks_of_episodes_make_no_difference(world, monkeypatch):
@@ -68,8 +67,8 @@ def test_blocks_of_episodes_make_no_difference(world, monkeypatch):
     together = measure(world, driver, SEEDS)
     monkeypatch.setattr("socialiq.evaluation.effects.SIDE_BY_SIDE", 17)
     apart = measure(world, driver, SEEDS)
-    for name in together._fields:
-        np.testing.assert_array_equal(getattr(together, name), getattr(apart, name))
+    for name, column in together.items():
+        np.testing.assert_array_equal(column, apart[name])
 
 
 def test_post_encroachment_times_by_hand():
@@ -89,7 +88,7 @@ def test_post_encroachment_times_by_hand():
 
 def test_worlds_that_can_not_be_measured_are_refused(world):
     driver = world.driver("go")
-    with pytest.raises(UserError, match="name intersection-caused"):
+    with pytest.raises(UserError, match="add reward=caused"):
         measure(open_world("intersection"), driver, SEEDS)
     with pytest.raises(UserError, match="at least 1"):
         measure(world, driver, [])

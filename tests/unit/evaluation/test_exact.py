@@ -16,7 +16,7 @@ from socialiq.mdp.horizon import horizon_optimum
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score, weights
-from socialiq.worlds.enumerate import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 WAIT, GO = 0, 1
 STOP, FAST = 0, 2

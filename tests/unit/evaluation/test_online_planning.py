@@ -9,7 +9,7 @@ from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.types import Ending
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 
 class Indifferent:
@@ -28,7 +28,7 @@ class Weary:
 
 def test_one_decision_is_worth_its_reward():
     """The ego's own second is known, but for vehicles it meets; at the start there are none."""
-    batch = Batch(Options(), 4)
+    batch = Intersection().batch(4)
     seen = batch.reset([3, 4, 5, 6])
     values = RolloutPolicy(Indifferent(), Options(), 0.0, draws=1, decisions=1).values(seen)
     now = batch.save()
@@ -40,7 +40,7 @@ def test_one_decision_is_worth_its_reward():
 
 
 def test_the_networks_drive_goes_on_after_the_first_action():
-    batch = Batch(Options(), 1)
+    batch = Intersection().batch(1)
     seen = batch.reset([3])
     one, two = (
         RolloutPolicy(Weary(), Options(), 0.0, draws=1, decisions=d).values(seen) for d in (1, 2)
@@ -69,7 +69,7 @@ class Timed(Indifferent):
 
 def test_the_time_goes_on_in_simulated_decisions_and_ends_the_episode():
     options = Options()
-    seen = np.repeat(Batch(options, 1).reset([3]), 2, axis=0)
+    seen = np.repeat(Intersection(options).batch(1).reset([3]), 2, axis=0)
     times = np.array([2.0, options.decisions - 1.0], np.float32)
     policy = Timed()
     planned = RolloutPolicy(policy, options, 0.0, draws=1, decisions=3)
@@ -83,7 +83,7 @@ def test_the_time_goes_on_in_simulated_decisions_and_ends_the_episode():
 
 def test_it_depends_on_the_view_alone():
     policy = RolloutPolicy(atlas.load("set_egoistic"), Options(), 0.0, draws=2, decisions=2)
-    seen = Batch(Options(), 6).reset(0)
+    seen = Intersection().batch(6).reset(0)
     actions, state = policy.predict(seen)
     np.testing.assert_array_equal(policy.predict(seen[::-1])[0][::-1], actions)
     alone, _ = policy.predict(seen[2])
@@ -106,10 +106,10 @@ def test_thinking_betters_the_atlas_egoist():
     """Episodes that the network alone ends with a collision; the study has all."""
     seeds = np.arange(51_000_000, 51_000_200)
     network = atlas.load("set_egoistic")
-    plain = episodes_of(Batch(Options(), 128), network, seeds)
+    plain = episodes_of(Intersection().batch(128), network, seeds)
     lost = seeds[plain.ending == int(Ending.COLLISION)]
     thought = RolloutPolicy(network, Options(), 0.0)
-    again = episodes_of(Batch(Options(), len(lost)), thought, lost)
+    again = episodes_of(Intersection().batch(len(lost)), thought, lost)
     assert (again.ending == int(Ending.ARRIVAL)).mean() > 0.3
 
 

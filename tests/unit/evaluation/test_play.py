@@ -13,23 +13,16 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending
 from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.intersection.options import FASTER, SLOWER, Options
+from socialiq.worlds.intersection.options import FASTER, SLOWER
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 SEEDS = [5, 900, 17, 17, 2**40, 3, 0, 88, 61, 12, 13, 14, 15, 16, 40, 41, 42, 43, 44, 45]
 
 
-def columns(episodes):
-    made = episodes._asdict()
-    made |= {"env": episodes.totals.env, "social": episodes.totals.social}
-    made |= {"own": episodes.classical.env, "others": episodes.classical.social}
-    return {name: value for name, value in made.items() if isinstance(value, np.ndarray)}
-
-
 @pytest.fixture(scope="module")
 def batch():
-    return Batch(Options(), 7)
+    return Intersection().batch(7)
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +33,8 @@ def played(batch):
 @pytest.mark.parametrize("name", ["gap_3s", "go", "stop_line"])
 def test_the_batchs_size_does_not_matter(name, batch):
     runs = [
-        columns(episodes_of(one, policy(name), SEEDS))
-        for one in (Batch(Options(), 1), batch, Batch(Options(), 64))
+        episodes_of(one, policy(name), SEEDS)
+        for one in (Intersection().batch(1), batch, Intersection().batch(64))
     ]
     for run in runs[1:]:
         for column, values in run.items():
@@ -49,8 +42,8 @@ def test_the_batchs_size_does_not_matter(name, batch):
 
 
 def test_what_was_played_before_does_not_matter(batch, played):
-    again = columns(episodes_of(batch, policy("gap_3s"), SEEDS[::-1]))
-    for name, values in columns(played).items():
+    again = episodes_of(batch, policy("gap_3s"), SEEDS[::-1])
+    for name, values in played.items():
         np.testing.assert_array_equal(values, again[name][::-1])
 
 
@@ -61,7 +54,7 @@ def test_seeds_may_be_an_array(batch, played):
 
 @pytest.mark.parametrize("size", [1, 7, 64])
 def test_every_seed_is_played_once_to_its_end(size):
-    batch, starts = Batch(Options(), size), {}
+    batch, starts = Intersection().batch(size), {}
     ends, lengths = np.zeros(len(SEEDS), int), np.zeros(len(SEEDS), int)
     for step in play(batch, policy("stop_line"), SEEDS):
         for row in np.flatnonzero(step.running):
@@ -74,7 +67,7 @@ def test_every_seed_is_played_once_to_its_end(size):
     assert (ends == 1).all()
     expected = episodes_of(batch, policy("stop_line"), SEEDS).length
     np.testing.assert_array_equal(lengths, expected)
-    begin = Batch(Options(), len(SEEDS)).reset(SEEDS)
+    begin = Intersection().batch(len(SEEDS)).reset(SEEDS)
     np.testing.assert_array_equal([starts[number] for number in range(len(SEEDS))], begin)
 
 
@@ -86,7 +79,7 @@ def test_the_batch_stays_full_until_seeds_run_out(batch):
 
 def test_sums_are_those_of_a_hand_played_episode(played):
     for number in range(6):
-        batch, driver = Batch(Options(), 1), policy("gap_3s")
+        batch, driver = Intersection().batch(1), policy("gap_3s")
         observation, steps = batch.reset([SEEDS[number]]), []
         met, slower, beyond = [], [], []
         while not steps or not steps[-1].ending[0]:
@@ -100,29 +93,27 @@ def test_sums_are_those_of_a_hand_played_episode(played):
         classical = np.array([step.classical for step in steps])[..., 0]
         speeds = np.array([step.speed[0] for step in steps])
         signals = np.array([[step.signals[name][0] for name in SIGNALS] for step in steps])
-        assert played.signal_names == SIGNALS
         expected = {
-            "env": rewards[:, 0].sum(),
-            "social": rewards[:, 1].sum(),
-            "own": classical[:, 0].sum(),
-            "others": classical[:, 1].sum(),
+            "r_env": rewards[:, 0].sum(),
+            "r_social": rewards[:, 1].sum(),
+            "classical_own": classical[:, 0].sum(),
+            "classical_others": classical[:, 1].sum(),
             "ending": steps[-1].ending[0],
             "contact": steps[-1].contact[0],
             "length": len(steps),
             "speed": speeds.mean(),
             "stopped": (speeds < 0.5).mean(),
             "neighbours_collided": sum(step.neighbours_collided[0] for step in steps),
-            "signals": signals.sum(axis=0),
-            "active": (signals != 0).sum(axis=0),
+            **{f"signal_{name}": signals[:, k].sum() for k, name in enumerate(SIGNALS)},
+            **{f"active_{name}": (signals[:, k] != 0).sum() for k, name in enumerate(SIGNALS)},
             "entered": any(beyond),
             "conflicts": sum(met),
             "off_road": any(step.off_road[0] for step in steps),
             "pressed": sum(one and not slow for one, slow in zip(met, slower, strict=True)),
         }
-        found = columns(played)
-        assert set(found) == set(expected)
+        assert set(played) == set(expected)
         for name, value in expected.items():
-            np.testing.assert_allclose(found[name][number], value, atol=1e-12, err_msg=name)
+            np.testing.assert_allclose(played[name][number], value, atol=1e-12, err_msg=name)
 
 
 def test_metrics_are_means_over_the_episodes(played):
@@ -184,7 +175,7 @@ def soft():
 
 
 def soft_episodes(size, policy, seeds):
-    return columns(episodes_of(Batch(Options(), size), policy, seeds, deterministic=False))
+    return episodes_of(Intersection().batch(size), policy, seeds, deterministic=False)
 
 
 @pytest.mark.parametrize("size", [1, 7, 64])
@@ -193,8 +184,8 @@ def test_soft_draws_belong_to_the_episode(size, soft):
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
     again = soft_episodes(size, soft, SEEDS[::-1])
-    np.testing.assert_array_equal(again["env"][::-1], expected["env"])
-    assert expected["env"][2] == expected["env"][3]  # the seed is the same
+    np.testing.assert_array_equal(again.r_env[::-1], expected.r_env)
+    assert expected.r_env[2] == expected.r_env[3]  # the seed is the same
 
 
 def test_soft_play_leaves_the_policys_own_stream_alone(soft):
@@ -231,7 +222,7 @@ RECORDED = [5, 900, 17, 17, 3, 0, 88, 61]
 
 
 def recorded(size: int = 3, name: str = "gap_3s") -> Recorded:
-    return record(Batch(Options(), size), policy(name), RECORDED, "careful", {"policy": name})
+    return record(Intersection().batch(size), policy(name), RECORDED, "careful", {"policy": name})
 
 
 @pytest.fixture(name="rows", scope="module")
@@ -258,7 +249,7 @@ def test_what_is_seen_next_is_what_was_reached(rows):
 def test_an_episode_begins_with_its_seed_and_is_over_at_its_last_row(rows):
     table = rows.transitions
     first = np.flatnonzero(table.step == 0)
-    begin = Batch(Options(), len(RECORDED)).reset(RECORDED)
+    begin = Intersection().batch(len(RECORDED)).reset(RECORDED)
     np.testing.assert_array_equal(table.observation[first], begin)
     ended = np.append(table.step[1:] == 0, True)
     np.testing.assert_array_equal(table.ending != Ending.NONE, ended)
@@ -276,15 +267,15 @@ def test_actions_are_the_policys(rows):
 def test_sums_are_those_of_evaluation(name):
     made = recorded(name=name)
     table = made.transitions
-    expected = episodes_of(Batch(Options(), 5), policy(name), RECORDED)
+    expected = episodes_of(Intersection().batch(5), policy(name), RECORDED)
 
     def sums(column):
         return np.bincount(table.episode, column)
 
     np.testing.assert_array_equal(sums(table.rewards.env), expected.totals.env)
     np.testing.assert_array_equal(sums(table.rewards.social), expected.totals.social)
-    np.testing.assert_array_equal(sums(made.classical.env), expected.classical.env)
-    np.testing.assert_array_equal(sums(made.classical.social), expected.classical.social)
+    np.testing.assert_array_equal(sums(made.classical.env), expected.classical_own)
+    np.testing.assert_array_equal(sums(made.classical.social), expected.classical_others)
     np.testing.assert_array_equal(np.bincount(table.episode), expected.length)
     np.testing.assert_array_equal(table.ending[table.ending != 0], expected.ending)
 
@@ -307,7 +298,7 @@ def test_the_table_says_who_drove_and_which_seeds(rows):
 
 def test_a_recording_needs_seeds():
     with pytest.raises(UserError, match=r"^episodes must be at least 1, got 0$"):
-        record(Batch(Options(), 2), policy("go"), [], "go")
+        record(Intersection().batch(2), policy("go"), [], "go")
 
 
 class Waiter:
@@ -326,7 +317,7 @@ class Waiter:
 
 def test_a_policy_with_one_feature_more_sees_the_decisions_of_each_episode():
     """Two rows, so that episodes begin at different times."""
-    driver, batch = Waiter(3), Batch(Options(), 2)
+    driver, batch = Waiter(3), Intersection().batch(2)
     lengths, first = np.zeros(5, int), True
     for step in play(batch, driver, range(5)):
         assert step.observation.shape == (2, 70)
@@ -341,7 +332,7 @@ def test_a_policy_with_one_feature_more_sees_the_decisions_of_each_episode():
 
 
 def test_what_a_policy_sees_depends_on_its_features():
-    batch = Batch(Options(), 3)
+    batch = Intersection().batch(3)
     batch.reset(0)
     batch.step(np.full(3, SLOWER))
     np.testing.assert_array_equal(batch.seen_by(policy("wait")), batch.observation)

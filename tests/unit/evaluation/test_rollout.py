@@ -9,8 +9,9 @@ from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.rollout import rollout_env, rollout_table
 from socialiq.types import Ending
 from socialiq.worlds import IDS
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
-from socialiq.worlds.registry import GRIDWORLDS
+from socialiq.worlds.catalogue import GRIDS
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 WAIT, GO = 0, 1
 EPISODES = 8_000
@@ -156,7 +157,7 @@ def test_the_source_may_be_extended(table5, always):
     assert rollout.transitions.source == {"world": "crossing5", "seed": 7, "expert": "none"}
 
 
-@pytest.mark.parametrize("name", GRIDWORLDS[:2])
+@pytest.mark.parametrize("name", tuple(GRIDS)[:2])
 def test_the_environment_agrees_with_the_table(name, tabulated, random_policy):
     table = tabulated(name)
     probabilities = random_policy(table, 3)

@@ -21,8 +21,7 @@ from socialiq.learners.policy_iteration import (
 )
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 SMALL = DialIterationConfig(
     hidden=(32,), batch_size=64, updates=600, states_per_update=4, replay_capacity=2_000, knots=5
@@ -67,7 +66,7 @@ def test_regression_learns_the_returns_of_both_rewards():
 
 def test_fast_greedy_actions_are_those_of_the_dial_at_each_angle():
     static = DialIterationConfig(view="set", times=20, hidden=(16,), knots=5)
-    batch = Batch(Options(), 30)
+    batch = Intersection().batch(30)
     sizes = (batch.observation.shape[1] + 1, 3)
     network = DialIteration(static, sizes).network(jax.random.key(0))
     dial = DialPolicy.of(network, 1.0, 0.0, 90.0, {})

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from socialiq import isolation as code_hash
 from socialiq.errors import UserError
-from socialiq.policies import isolation as code_hash
-from socialiq.policies.isolation import files_named_by, hash_files
+from socialiq.isolation import files_named_by, hash_files
 
 
 def test_a_command_names_its_program_files_folders_and_options(tmp_path):

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from tests.patience import LONGER
 
+from socialiq import isolation
 from socialiq.errors import UserError
-from socialiq.policies import isolation
-from socialiq.policies.isolation import NONE, CodeHash, isolation_of, sandboxed
+from socialiq.isolation import NONE, CodeHash, isolation_of, sandboxed
 
 
 def fake(folder, text):

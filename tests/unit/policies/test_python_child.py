@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.isolation import NOT_ASKED
+from socialiq.isolation import NOT_ASKED
 from socialiq.policies.load import load_policy
 
 CODE = """

@@ -8,12 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from socialiq import isolation
 from socialiq.errors import UserError
 from socialiq.policies import process
 from socialiq.policies.load import load_policy
 from socialiq.policies.process import GIB, Limits
 
-LAUNCHERS = Path(process.__file__).with_name("launchers.py")
+LAUNCHERS = Path(isolation.__file__).with_name("launchers.py")
 ANSWERS = """
 import json, sys
 json.loads(input())

@@ -4,8 +4,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.policies.load import load_policy
 from socialiq.storage import save_arrays
-from socialiq.worlds.enumerate import TabularPolicy
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy
 
 WORLD = make_grid("crossing5")
 STATES = int(np.prod(WORLD.shape))

@@ -8,7 +8,7 @@ from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
-from socialiq.worlds.registry import refuse_file
+from socialiq.worlds.files import refuse_file
 
 REASON = "its neighbours do not react"
 

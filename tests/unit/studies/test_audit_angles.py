@@ -49,10 +49,7 @@ def one_audit(audits, driver, rows):
     """Judge the same episodes as an audit does."""
 
     def part(row, name):
-        columns = {
-            key: getattr(row, key)[rows] for key in ("totals", "ending", "contact", "length")
-        }
-        return dataclasses.replace(row, name=name, **columns)
+        return dataclasses.replace(row, name=name, episodes=row.episodes.rows(rows))
 
     references = tuple(part(row, row.name) for row in audits.references)
     made = Evidence("made up", rows, part(driver, "policy"), references, {})

@@ -31,9 +31,9 @@ def test_evidence_has_the_true_values():
     regret = (means @ weights).max() - np.array(found.policy.mean) @ weights
     assert regret == pytest.approx(0.4, abs=0.04)
     assert means == pytest.approx(truth.references, abs=0.06)
-    assert found.policy.at_fault.mean() == pytest.approx(0.05, abs=0.006)
-    assert found.policy.struck.mean() == pytest.approx(0.05, abs=0.006)
-    assert (found.policy.ending == 3).mean() == pytest.approx(truth.timeout, abs=0.006)
+    assert found.policy.episodes.at_fault.mean() == pytest.approx(0.05, abs=0.006)
+    assert found.policy.episodes.struck.mean() == pytest.approx(0.05, abs=0.006)
+    assert (found.policy.episodes.ending == 3).mean() == pytest.approx(truth.timeout, abs=0.006)
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():

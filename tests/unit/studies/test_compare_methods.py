@@ -16,8 +16,8 @@ from socialiq.evaluation.rollout import MODES, trajectory_datasets
 from socialiq.learners.collect import from_env
 from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import png
-from socialiq.worlds.enumerate import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
+from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.comparison import cells_of, product, setting_name
 from socialiq_lab.comparison_runs import Arena, Run, best_episodes, trained
 from socialiq_lab.comparison_tables import chances, rows_of

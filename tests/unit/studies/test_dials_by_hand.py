@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.outcomes import Outcomes
+from socialiq.evaluation.measures import Episodes
 from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights
 from socialiq.types import Ending
@@ -223,8 +224,9 @@ def test_angles_are_averaged_on_the_ring():
 
 def outcomes(totals, endings):
     count = len(totals)
-    ends, none = np.array(endings, np.int8), np.zeros(count, np.int8)
-    return Outcomes("a", np.array(totals, float), ends, none, np.ones(count, np.int64))
+    env, social = np.array(totals, float).T
+    columns = {"ending": np.array(endings), "contact": np.zeros(count), "length": np.ones(count)}
+    return Outcomes("a", Episodes(columns, r_env=env, r_social=social))
 
 
 def test_drivers_at_the_junction_are_averaged_over_episodes_and_seeds():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq import tabulate
-from socialiq.worlds.intersection.options import VEHICLE
+from socialiq.worlds.highway.options import VEHICLE
 from socialiq.worlds.registry import make_grid, open_world
 from studies.influence_zone import moved
 

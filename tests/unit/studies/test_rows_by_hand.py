@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from socialiq import UserError
-from socialiq.evaluation.episodes import Episodes
+from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.rollout import MODES
 from socialiq.results_folder import Results
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Ending
 from socialiq_lab.declared import State
 from socialiq_lab.tables import options_name
 from studies.audit_power import power
@@ -182,13 +182,10 @@ def test_shares_have_the_interval_of_wilson():
 def episodes_with(endings):
     """Episodes of these endings, otherwise of the same columns."""
     count = len(endings)
-    zeros, pair = np.zeros(count), RewardPair(np.zeros(count), np.zeros(count))
-    values = dict.fromkeys(Episodes._fields, zeros) | {"totals": pair, "classical": pair}
-    values |= {"ending": np.array(endings), "contact": zeros.astype(int), "signal_names": ("a",)}
-    values |= {name: np.zeros(count, int) for name in ("length", "conflicts", "pressed")}
-    values |= {"neighbours_collided": np.zeros(count, int), "length": np.ones(count, int)}
-    values |= {name: np.zeros(count, bool) for name in ("entered", "off_road")}
-    return Episodes(**values | {name: np.zeros((count, 1)) for name in ("signals", "active")})
+    columns = {"ending": np.array(endings), "length": np.ones(count, int)}
+    for name in ("contact", "neighbours_collided"):
+        columns[name] = np.zeros(count, int)
+    return Episodes(columns, speed=np.zeros(count), stopped=np.zeros(count))
 
 
 def test_the_spread_over_groups_of_episodes_is_that_of_their_shares():

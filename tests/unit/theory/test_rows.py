@@ -6,7 +6,7 @@ from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.theory.demonstrators import drawn_rows, with_cuts
 from socialiq.theory.objective import Problem
-from socialiq.worlds.enumerate import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 SHARES = [0.5, 0.3, 0.2]
 

@@ -11,14 +11,13 @@ from socialiq.errors import UserError
 from socialiq.evaluation.rollout import record
 from socialiq.view.demonstrations import demonstrations_view, scenes_of, seeds_of
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 
 @pytest.fixture(scope="module")
 def table():
     driver = policies.policy("go")
-    return record(Batch(Options(), 4), driver, range(70, 74), "go").transitions
+    return record(Intersection().batch(4), driver, range(70, 74), "go").transitions
 
 
 def shown(table, folder):

@@ -12,8 +12,8 @@ from socialiq.evaluation.rollout import record
 from socialiq.nn.q_policy import QPolicy
 from socialiq.view.driven import CELL, EPISODES, driven_view
 from socialiq.view.open import opened
-from socialiq.worlds.intersection.core.people import RADIUS
 from socialiq.worlds.registry import open_world
+from socialiq.worlds.road_users import ROAD_USERS
 
 
 def policy_of(world, folder, action):
@@ -59,7 +59,7 @@ def test_a_gridworld_has_a_frame_for_each_step_and_its_ego_goes_east(tmp_path):
 def test_people_on_foot_and_continuous_actions_are_shown():
     crosswalk = driven_view("gap_3s", "intersection-crosswalk", None, Trust())
     widths = {user["width"] for user in crosswalk.data["users"]}
-    assert 2 * RADIUS[0] in widths and len(widths) == 2
+    assert ROAD_USERS[0].width in widths and len(widths) == 2
     continuous = driven_view("gap_3s", "intersection-continuous", None, Trust())
     assert "in intersection-continuous" in continuous.title and len(episodes_of(continuous)) == 8
 

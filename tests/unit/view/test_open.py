@@ -14,7 +14,7 @@ from socialiq.storage import packaged_results
 from socialiq.view import open as views
 from socialiq.view.open import PolicyDecider, opened
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 MEANS = {"r_env": 1.0, "r_social": 1.0, "at_fault": 0.1, "struck": 0.2, "arrival": 0.7}
 
@@ -91,7 +91,7 @@ TIMED = str(packaged_results() / "intersection-dial-clock" / "timed.safetensors"
 
 @pytest.fixture(scope="module")
 def seen():
-    return Batch(Options(), 8).reset(np.arange(100, 108))
+    return Intersection().batch(8).reset(np.arange(100, 108))
 
 
 def question(seen, **more):

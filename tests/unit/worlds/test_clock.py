@@ -6,11 +6,12 @@ import pytest
 
 from socialiq.types import Ending
 from socialiq.worlds import registry
+from socialiq.worlds.catalogue import GRIDS
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.gym import GridWorldEnv
 
 
-@pytest.fixture(name="world", params=registry.GRIDWORLDS[:3])
+@pytest.fixture(name="world", params=GRIDS)
 def clocked(request):
     return registry.make_grid(request.param).with_clock()
 

@@ -6,7 +6,7 @@ import pytest
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.social.angle import exact_weights, score, weights
 from socialiq.types import Ending
-from socialiq.worlds.enumerate import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 WAIT, GO = 0, 1
 GOES_ON, ARRIVAL = Ending.NONE, Ending.ARRIVAL

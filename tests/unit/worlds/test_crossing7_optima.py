@@ -5,7 +5,7 @@ from socialiq.mdp.front import attainable_set
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import angle_of, score, weights
 from socialiq.types import Ending
-from socialiq.worlds.enumerate import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 ANGLES = (0.0, 45.0, 90.0)
 

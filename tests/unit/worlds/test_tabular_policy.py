@@ -4,7 +4,7 @@ import pytest
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import angle_of
 from socialiq.types import Policy
-from socialiq.worlds.enumerate import TabularPolicy, draw_actions, expert_policy
+from socialiq.worlds.tabular_policy import TabularPolicy, draw_actions, expert_policy
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.registry import is_world_file, open_world
+from socialiq.worlds.files import is_world_file
+from socialiq.worlds.registry import open_world
 from socialiq.worlds.world import Batch, World
 
 NAMES = ("crossing5", "crossing7", "intersection", "intersection-continuous", "merge")

@@ -56,7 +56,8 @@ def ledger(results: Path) -> list[dict[str, Any]]:
             can't fail.
     """
     text = importlib.resources.files("socialiq_lab").joinpath("claims.toml").read_text()
-    summaries, rows = Summaries(results), []
+    summaries = Summaries(results)
+    rows = []
     for claim in tomllib.loads(text)["claim"]:
         one_of("verdict", claim["verdict"], VERDICTS)
         one_of("study", claim["study"], STUDIES)
@@ -79,7 +80,18 @@ def count(rows: list[dict[str, Any]]) -> dict[str, int]:
 
 
 def resolve(text: str, summaries: "Summaries") -> str:
-    """Return a text with its places filled from the results."""
+    """Return a text with its places filled from the results.
+
+    Args:
+        text: Text of a claim, with places such as {grid:policies.baseline_greedy.angle:.1f}.
+        summaries: Results of the studies.
+
+    Returns:
+        The text with each place replaced by its value, in the format that follows the second colon.
+
+    Raises:
+        UserError: If the results are missing, or a place is not in them.
+    """
 
     def fill(match: re.Match[str]) -> str:
         study, path, form = match.groups()
@@ -96,7 +108,19 @@ class Summaries:
         self.read: dict[Path, Any] = {}
 
     def at(self, study: str, path: str) -> Any:
-        """Return the value at a dotted path; a dot inside a key is written as a comma."""
+        """Return the value at a dotted path.
+
+        Args:
+            study: Name of the study's folder.
+            path: Keys of its `summary.json`, or of its `config.json` if the first is `config`. The
+                items of a list are numbered from 0; a dot inside a key is written as a comma.
+
+        Returns:
+            The value as JSON holds it.
+
+        Raises:
+            UserError: If the file can't be read, or does not have the path.
+        """
         is_config = path.startswith("config.")
         file = self.results / study / ("config.json" if is_config else "summary.json")
         if file not in self.read:
@@ -115,7 +139,20 @@ class Summaries:
         return value
 
     def number(self, claim: dict[str, Any], name: str, otherwise: float) -> float:
-        """Return the number at the place that a field of a claim names; of a list its length."""
+        """Return the number at the place that a field of a claim names.
+
+        Args:
+            claim: Entry of the ledger.
+            name: Field of the entry whose value is one place, such as
+                {grid:policies.baseline_greedy.angle}.
+            otherwise: Number for an entry without that field.
+
+        Returns:
+            The value as a number, or the number of its items if it is a list.
+
+        Raises:
+            UserError: If the results do not have the place, or the value is not a number.
+        """
         reference = _PLACE.fullmatch(claim.get(name, ""))
         if reference is None:
             return otherwise
@@ -127,7 +164,20 @@ class Summaries:
 
 
 def compared(claim: dict[str, Any], summaries: Summaries) -> dict[str, Any]:
-    """Return the numbers of a claim of one number, and the verdict that follows from them."""
+    """Return the numbers of a claim of one number, and the verdict that follows from them.
+
+    Args:
+        claim: Entry of the ledger.
+        summaries: Results of the studies.
+
+    Returns:
+        `our_value`, `value`, `tolerance` and `from_numbers`, each None where it does not apply. The
+        last is "reproduced", "partly" or "not".
+
+    Raises:
+        UserError: If the tolerance is wider than the printed digits allow, or a place is not in the
+            results.
+    """
     value = claim.get("value")
     numbers = {"our_value": None, "value": value, "tolerance": None, "from_numbers": None}
     if value is None:
@@ -189,7 +239,9 @@ def printed(claim: dict[str, Any]) -> Printed:
         UserError: If a claim names a tolerance wider than the digits allow: a spread of episodes
             or seeds, which hardly any value of ours could fail.
     """
-    value, spread, over = claim["value"], claim.get("spread"), claim.get("spread_of", "")
+    value = claim["value"]
+    spread = claim.get("spread")
+    over = claim.get("spread_of", "")
     digit = _digit(claim["thesis"], value)
     if spread is None:
         allowed = digit if "about" in claim["statement"] else digit / 2
@@ -208,7 +260,16 @@ def printed(claim: dict[str, Any]) -> Printed:
 
 
 def tolerance(thesis: Printed, ours: Ours) -> float:
-    """Return the difference of two means that their standard errors and rounding explain."""
+    """Return the difference of two means that their standard errors and rounding explain.
+
+    Args:
+        thesis: Printed mean with a spread.
+        ours: Our mean.
+
+    Returns:
+        Half a unit of the last printed digit, and `ERRORS` standard errors of the difference. The
+        thesis' mean has no standard error if its spread is one of single episodes.
+    """
     count = SPREADS[thesis.over]
     error = (thesis.spread or 0.0) / math.sqrt(count) if count else 0.0
     return thesis.digit / 2 + ERRORS * math.hypot(error, ours.error)
@@ -219,9 +280,18 @@ def verdict(thesis: Printed, ours: Ours) -> str:
 
     reproduced: the means differ by no more than their standard errors explain, and ours is known at
     least as well as the printed spread.
-    partly: ours is known less well, so that nothing is decided; or single episodes hardly show
-    the difference (`NEGLIGIBLE`), though the means do.
+
+    partly: ours is known less well, so that the comparison decides neither way; or single episodes
+    hardly show the difference (`NEGLIGIBLE`), though the means do.
+
     not: otherwise.
+
+    Args:
+        thesis: Printed mean with a spread.
+        ours: Our mean.
+
+    Returns:
+        "reproduced", "partly" or "not".
     """
     assert thesis.spread is not None
     gap = abs(ours.value - thesis.value)

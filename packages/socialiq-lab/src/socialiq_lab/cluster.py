@@ -174,7 +174,8 @@ def perform(task: Task) -> float:
         Stopped: If the call was stopped.
         UserError: If the job fails for whatever reason, in one line that names it.
     """
-    name, request = task.job.name, StopRequest()
+    name = task.job.name
+    request = StopRequest()
     with _lock:
         if task.call in _stopped:
             raise Stopped("stopped")
@@ -203,8 +204,10 @@ class _Reporter:
     """Progress callback that sends a job's finished share to the calling process."""
 
     def __init__(self, task: Task, request: StopRequest) -> None:
-        self._worker, self._request = get_worker(), request
-        self._name, self._topic = task.job.name, topic(task.call)
+        self._worker = get_worker()
+        self._request = request
+        self._name = task.job.name
+        self._topic = topic(task.call)
         self._sent = -math.inf
         self._send(0.0)
 
@@ -248,7 +251,8 @@ def check(expected: dict[str, str], work: Path, call: str) -> None:
     Raises:
         UserError: If a version or a variable differs, or the folder is not shared.
     """
-    here, host = describe(), os.uname().nodename if hasattr(os, "uname") else "a worker"
+    here = describe()
+    host = os.uname().nodename if hasattr(os, "uname") else "a worker"
     for name, value in expected.items():
         if here[name] != value and name in PORTABLE:
             raise UserError(f'the worker on {host} was not started with {name}="{value}"')

@@ -16,7 +16,8 @@ from socialiq.settings import changed
 GRIDWORLDS = ("crossing5", "crossing7")
 WORLDS = (*GRIDWORLDS, "intersection")
 
-DEVELOPMENT, FRESH = "development", "fresh"
+DEVELOPMENT = "development"
+FRESH = "fresh"
 """Phases: settings are chosen in the first, and the table is of the second."""
 
 Setting = tuple[tuple[str, float], ...]
@@ -43,13 +44,13 @@ class Method:
         label: Name in tables and figures.
         learner: Name of its learner; by default its own name.
         settings: Grid from which one is chosen on the development seeds; declared as `grid`.
-        told: Inputs beside observations and actions.
+        told: Inputs in addition to observations and actions.
         serves: What one network serves: an "angle", a "mode" (the nearest demonstrator's), or "all"
             angles.
         of_mode: Whether it learns from the nearest demonstrator's episodes alone.
         worlds: Where it runs.
         soft: Whether its stochastic policy means something.
-        peer: Library whose learner it is, run in an environment of its own.
+        peer: Library whose learner it is, run in a separate environment.
     """
 
     name: str
@@ -106,7 +107,7 @@ class Recipe:
 
     Attributes:
         static: Its static configuration; the type says which learner it is.
-        numbers: Its hyperparameters, but for seed and data set.
+        numbers: Its hyperparameters, except seed and data set.
     """
 
     static: Any
@@ -122,7 +123,16 @@ class Recipe:
     ) -> Any:
         """Return the recipe with other settings, as a table `[method.NAME]` declares them.
 
-        Of its static configuration, its hyperparameters, and attributes of its own (`options`).
+        Args:
+            static: Changed fields of its static configuration.
+            numbers: Changed hyperparameters.
+            **options: Changed attributes of the recipe itself.
+
+        Returns:
+            A recipe of the same class.
+
+        Raises:
+            UserError: If a setting is unknown or has a wrong type.
         """
         settings = changed(self.static, static or {}), changed(self.numbers, numbers or {})
         return dataclasses.replace(self, static=settings[0], numbers=settings[1], **options)
@@ -131,7 +141,17 @@ class Recipe:
 def declared_recipes(
     declared: Mapping[str, Mapping[str, Any]], bases: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return recipes by name, each a change `of` a base or of one that stands before it."""
+    """Return recipes by name, each a change of another recipe.
+
+    Args:
+        declared: Keywords of `Recipe.changed` by name. The key `of` names the recipe that is
+            changed: a base, or one that is declared before it. Without the key it is the base of
+            the same name.
+        bases: Recipes to begin with, by name.
+
+    Returns:
+        The declared recipes, in their order.
+    """
     recipes: dict[str, Any] = {}
     for name, changes in declared.items():
         options = {key: value for key, value in changes.items() if key != "of"}
@@ -145,7 +165,15 @@ def nearest_mode(angle: float) -> str:
 
 
 def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
-    """Return the episodes of these modes."""
+    """Return the episodes of some modes.
+
+    Args:
+        data: Demonstrations of one or more modes.
+        modes: Names of the modes that are kept.
+
+    Returns:
+        The episodes of these modes, in their order.
+    """
     numbers = [number for number, name in enumerate(data.mode_names) if name in modes]
     return data.select(np.flatnonzero(np.isin(data.episode_modes, numbers)))
 
@@ -164,7 +192,12 @@ def check_names(config: Any, **choices: Collection[str]) -> None:
 def cells_of(
     config: Any, methods: Mapping[str, Method], worlds: Sequence[str] = WORLDS
 ) -> list[tuple[str, Method]]:
-    """Return worlds, and the methods that run there, in the order of a comparison's table.
+    """Return pairs of a world and a method that runs in it, in the order of a comparison's table.
+
+    Args:
+        config: Configuration with the fields `worlds`, `methods`, `seeds` and `development_seeds`.
+        methods: Known methods by name.
+        worlds: Known worlds.
 
     Raises:
         UserError: If a world or method is unknown, a setting empty, or a seed used twice.

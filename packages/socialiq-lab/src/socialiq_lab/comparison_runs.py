@@ -39,7 +39,16 @@ class Run(NamedTuple):
 def runs_of(
     settings: Sequence[Setting], angles: Iterable[float], seeds: Sequence[int]
 ) -> list[Run]:
-    """Return a run for each setting, angle in degrees and seed; each seed has its own data set."""
+    """Return a run for each setting, angle and seed.
+
+    Args:
+        settings: Settings of the method.
+        angles: Angles in degrees.
+        seeds: Training seeds; seed i learns from data set i.
+
+    Returns:
+        The runs, the seed varying fastest and the setting slowest.
+    """
     return [
         Run(angle, seed, dataset, tuple((name, value) for name, value in setting))
         for setting, angle in itertools.product(settings, angles)
@@ -57,7 +66,7 @@ class Arena:
         updates: Gradient steps of each network, and steps in the world.
         datasets: A mixture for each seed.
         world: The world, for compiled programs to act in; None where it is not in JAX.
-        make_source: Makes experience from outside JAX, of so many steps for each chunk.
+        make_source: Makes experience from outside JAX, given the steps of a chunk.
         on_report: Progress callback.
         rates: Updates per second, summed over the runs of a program; the learners add to it.
         advantage: How V of advantages is computed.
@@ -92,12 +101,28 @@ class Arena:
         return self.datasets[0].n_features, self.datasets[0].n_actions
 
     def source(self, updates: int, steps_per_update: int) -> Source:
-        """Return experience from outside JAX for a chunk of a run of so many updates."""
+        """Return experience from outside JAX for one chunk of a run.
+
+        Args:
+            updates: Number of updates of the run.
+            steps_per_update: Steps in the world for each update.
+
+        Returns:
+            A source of the steps of a chunk, or of the whole run if that is shorter.
+        """
         assert self.make_source is not None
         return self.make_source(min(self.chunk, updates) * steps_per_update)
 
     def collector(self, static: Any, numbers: Sequence[Any]) -> Collector | None:
-        """Return what lets runs act by softmax(Q/τ) outside JAX; None if the world is in JAX."""
+        """Return a collector that lets runs act by softmax(Q/τ) outside JAX.
+
+        Args:
+            static: Static configuration of the runs.
+            numbers: Hyperparameters of each run, with its temperature τ and its seed.
+
+        Returns:
+            The collector; None if the world is in JAX.
+        """
         if self.world is not None:
             return None
         source = self.source(static.updates, static.env_steps_per_update)
@@ -114,9 +139,16 @@ class Arena:
         """Return the static config and the hyperparameters of a run, of the given classes.
 
         The run's settings come before what makes the method (`fixed`), and that before the world's.
+
+        Args:
+            config: Class of the static configuration.
+            hyperparameters: Class of the hyperparameters.
+            run: The run.
+            **fixed: Settings that make the method, by the names of their fields.
         """
         chosen = fixed | dict(run.setting)
-        structural, numeric = _names(config), _names(hyperparameters)
+        structural = _names(config)
+        numeric = _names(hyperparameters)
         static = shared_values(config, self.structure) | {"updates": self.updates}
         static |= {name: value for name, value in chosen.items() if name in structural}
         numbers = shared_values(hyperparameters, self.numbers)
@@ -135,7 +167,17 @@ class Arena:
         return dataclasses.replace(self, datasets=datasets), of_nearest
 
     def speed_row(self, world: str, method: Method, runs: int) -> Row:
-        """Return updates per second of a method, summed over the runs of a program, and on what."""
+        """Return the row of a method in the table of speeds.
+
+        Args:
+            world: Name of the world.
+            method: The method, which has been trained in this arena.
+            runs: Number of runs of a program.
+
+        Returns:
+            Updates per second, summed over the runs of a program: the mean over the programs, to
+            two digits; and the device.
+        """
         rate = float(f"{np.mean(self.rates):.2g}")
         device = jax.devices()[0]
         kind = "one core" if device.platform == "cpu" else device.device_kind
@@ -148,7 +190,15 @@ def _names(kind: type) -> set[str]:
 
 
 def shared_values(kind: type, source: Any) -> dict[str, Any]:
-    """Return the values of the fields that both have."""
+    """Return the values of the fields that a class and an object have in common.
+
+    Args:
+        kind: A dataclass.
+        source: Object of another dataclass.
+
+    Returns:
+        The object's values by name of the field.
+    """
     return {name: getattr(source, name) for name in _names(kind) & _names(type(source))}
 
 
@@ -157,14 +207,33 @@ Learner = Callable[[Arena, Sequence[Run]], list[Any]]
 
 
 def trained(learner: Learner, arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
-    """Train a method with its learner, on the nearest mode's episodes where it is of a mode."""
+    """Train a method with its learner.
+
+    Args:
+        learner: The method's learner.
+        arena: Inputs that all methods share.
+        method: The method. If `of_mode`, each run learns from the episodes of the mode nearest its
+            angle.
+        runs: The runs.
+
+    Returns:
+        A policy for each run.
+    """
     return learner(*arena.of_each_mode(runs)) if method.of_mode else learner(arena, runs)
 
 
 def in_programs(
     settings: Sequence[tuple[Any, Any]], train: Callable[[Any, list[Any]], Any]
 ) -> list[Any]:
-    """Train the runs of each static config in one program; return policies in the runs' order."""
+    """Train the runs of each static configuration in one program.
+
+    Args:
+        settings: Static configuration and hyperparameters of each run.
+        train: Trains the runs of one static configuration, given their hyperparameters.
+
+    Returns:
+        The policies in the order of the settings.
+    """
     policies: dict[int, Any] = {}
     for static in dict.fromkeys(static for static, _ in settings):
         same = [run for run, (of_run, _) in enumerate(settings) if of_run == static]
@@ -175,9 +244,12 @@ def in_programs(
 
 
 def offline(learner: Any, **fixed: Any) -> Learner:
-    """Return the training of a class of learners of demonstrations alone.
+    """Return a function that trains a class of learners from demonstrations alone.
 
-    `fixed` are the settings that make the method; an advantage is of the arena's kind.
+    Args:
+        learner: The class.
+        **fixed: Settings that make the method. The value "advantage" stands for the arena's kind of
+            advantage.
     """
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
@@ -200,7 +272,15 @@ BEST = 3  # one episode in so many is cloned by `best_episodes_cloned`, those wi
 
 
 def best_episodes(data: Demonstrations, angle: float) -> Demonstrations:
-    """Return the best part of the episodes by R(α) at an angle in degrees, ties included."""
+    """Return the episodes with the greatest R(α), one in three.
+
+    Args:
+        data: Demonstrations.
+        angle: α in degrees.
+
+    Returns:
+        The episodes in their order. Equal ones at the limit are all kept, so they may be more.
+    """
     returns = RewardPair(*(r[data.episode_starts] for r in data.returns("trajectory", 1.0)))
     scores = score(weights(angle), returns)
     above = len(scores) - np.searchsorted(np.sort(scores), scores, side="right")
@@ -208,7 +288,15 @@ def best_episodes(data: Demonstrations, angle: float) -> Demonstrations:
 
 
 def best_episodes_cloned(arena: Arena, runs: Sequence[Run]) -> list[Any]:
-    """Clone the best episodes of each run's data set at its angle."""
+    """Clone the best episodes of each run's data set at its angle.
+
+    Args:
+        arena: Inputs that all methods share.
+        runs: The runs.
+
+    Returns:
+        A policy for each run.
+    """
     pairs = list(dict.fromkeys((run.angle, run.dataset) for run in runs))
     datasets = [best_episodes(arena.datasets[number], angle) for angle, number in pairs]
     of_best = [run._replace(dataset=pairs.index((run.angle, run.dataset))) for run in runs]
@@ -216,9 +304,15 @@ def best_episodes_cloned(arena: Arena, runs: Sequence[Run]) -> list[Any]:
 
 
 def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
-    """Return the training of IQ-Learn, or of a class of learners derived from it.
+    """Return a function that trains IQ-Learn, or a class of learners derived from it.
 
-    `acts`: whether it acts in the world; `fixed` are the settings that make the method.
+    Args:
+        learner: The derived class; None for IQ-Learn.
+        acts: Whether it acts in the world.
+        **fixed: Settings that make the method.
+
+    Returns:
+        A learner of comparisons.
     """
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
@@ -246,11 +340,20 @@ def dial_settings(
     run: Run,
     shared: Sequence[str],
 ) -> tuple[dial.DialConfig, dial.DialHyperparameters]:
-    """Return a dial's settings: its own, with the comparison's network, batches and budget.
+    """Return the settings of a dial, with the comparison's network, batches and budget.
 
-    Of its hyperparameters the `shared` ones are the comparison's, and a run's settings come first.
+    Args:
+        arena: Inputs that all methods share.
+        structure: Static configuration of the dial.
+        numbers: Hyperparameters of the dial.
+        run: The run; its settings replace all other hyperparameters of their names.
+        shared: Names of the hyperparameters that are taken from the comparison.
+
+    Returns:
+        Static configuration and hyperparameters of the run.
     """
-    base, names = arena.structure, ("hidden", "activation", "view", "endings", "replay_capacity")
+    base = arena.structure
+    names = "hidden", "activation", "view", "endings", "replay_capacity"
     static = dataclasses.replace(
         structure,
         **{name: getattr(base, name) for name in names},
@@ -264,7 +367,16 @@ def dial_settings(
 
 
 def dialled(structure: dial.DialConfig, numbers: dial.DialHyperparameters, *shared: str) -> Learner:
-    """Return the training of a dial (`dial_settings`): a network for all angles of a run."""
+    """Return a function that trains dials: one network for all angles of a run.
+
+    Args:
+        structure: Static configuration of the dial.
+        numbers: Hyperparameters of the dial.
+        *shared: Names of the hyperparameters that are taken from the comparison (`dial_settings`).
+
+    Returns:
+        A learner of comparisons.
+    """
 
     def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         def program(static: Any, runs_numbers: list[Any]) -> Any:
@@ -289,7 +401,15 @@ def dialled(structure: dial.DialConfig, numbers: dial.DialHyperparameters, *shar
 
 
 def reinforcement(arena: Arena, runs: Sequence[Run]) -> list[Any]:
-    """Train deep Q-learning, without demonstrations."""
+    """Train deep Q-learning, without demonstrations.
+
+    Args:
+        arena: Inputs that all methods share; it must have `make_source`.
+        runs: The runs.
+
+    Returns:
+        A policy for each run.
+    """
     per_update = arena.structure.env_steps_per_update
     source = arena.source(arena.updates, per_update)
 

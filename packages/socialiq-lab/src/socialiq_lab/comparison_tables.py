@@ -21,8 +21,8 @@ from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import SMALLEST, figure, head
 from socialiq.results_folder import Results, from_csv
 from socialiq.types import Row
-from socialiq.worlds.enumerate import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
+from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
 from socialiq_lab.comparison_runs import Arena
 from socialiq_lab.jobs import Job
@@ -39,7 +39,8 @@ EPISODES_EACH = {"crossing5": 1, "crossing7": 60}
 class GridRuns:
     """Configuration of a job: runs of a method in a gridworld, at target angles in degrees.
 
-    `updates` are of each network; the rates are of methods whose settings have none.
+    `updates` counts those of each network; the rates apply where the settings of a method have
+    none.
     """
 
     world: str
@@ -63,7 +64,17 @@ class GridRuns:
         updates: int,
         **options: Any,
     ) -> Any:
-        """Return a comparison's runs of a method in one phase."""
+        """Return the runs of a method in one phase of a comparison.
+
+        Args:
+            config: Configuration of the comparison, which has the angles, the seeds and the rates.
+            phase: `DEVELOPMENT` or `FRESH`.
+            world: Name of the gridworld.
+            method: The method.
+            settings: Settings of the method.
+            updates: Gradient steps of each network.
+            **options: Further fields of the class.
+        """
         develops = phase == DEVELOPMENT
         angles = config.development_angles if develops else config.angles
         seeds = config.development_seeds if develops else config.seeds
@@ -71,7 +82,12 @@ class GridRuns:
         return cls(world, method.name, updates, angles, settings, seeds, *rates, **options)
 
     def arena(self, ground: Ground, on_progress: Callable[[float], None]) -> Arena:
-        """Return the inputs of a method, with an equal mixture of trajectories for each seed."""
+        """Return the inputs of a method, with an equal mixture of trajectories for each seed.
+
+        Args:
+            ground: The world, enumerated.
+            on_progress: Called with the share of the job that is done; training takes 0.9 of it.
+        """
         rates = {"learning_rate": self.learning_rate, "polyak": self.polyak}
         return Arena(
             presets.TABLE_C1,
@@ -86,7 +102,17 @@ class GridRuns:
 
 
 def job_rows(jobs: Sequence[Job], work: Path, phase: str, file: str = ROWS) -> list[Row]:
-    """Return the rows of a file that the jobs of a phase have written, in the jobs' order."""
+    """Return the rows that the jobs of a phase have written.
+
+    Args:
+        jobs: Jobs of any phase.
+        work: Work folder.
+        phase: `DEVELOPMENT` or `FRESH`: a part of the jobs' names.
+        file: Name of the file in a job's folder. A job without it has no rows.
+
+    Returns:
+        The rows in the order of the jobs.
+    """
     folders = [work / job.name for job in jobs if phase in job.name.split("/")]
     paths = [folder / file for folder in folders if (folder / file).is_file()]
     return [row for path in paths for row in from_csv(path)]
@@ -95,9 +121,16 @@ def job_rows(jobs: Sequence[Job], work: Path, phase: str, file: str = ROWS) -> l
 def chances(
     ground: Ground, policy: Any, angle: float, readout: exact.Readout
 ) -> Float[np.ndarray, "state action"]:
-    """Return action probabilities at an angle in degrees.
+    """Return the action probabilities of a policy at an angle.
 
-    Of a policy, one with `at`, or a table of probabilities by angle.
+    Args:
+        ground: The world, enumerated.
+        policy: A policy, a dial (which has `at`), or tables of probabilities by angle.
+        angle: Angle in degrees.
+        readout: Action selection, one of `exact.READOUTS`.
+
+    Returns:
+        (state, action), one-hot for the greedy action.
     """
     if isinstance(policy, Mapping):
         table = policy[angle]
@@ -110,9 +143,18 @@ def chances(
 def rows_of(
     ground: Ground, method: Method, label: Row, seed: int, policy: Any, angles: Sequence[float]
 ) -> list[Row]:
-    """Return a policy's exact metrics and its regret at each angle in degrees that it serves.
+    """Return the exact metrics and the regret of a policy at each angle that it serves.
 
-    `label` has the columns of every row; the policy is as of `chances`.
+    Args:
+        ground: The world, enumerated.
+        method: The method, which says which action selections are evaluated.
+        label: Columns of every row.
+        seed: Training seed.
+        policy: The policy, as in `chances`.
+        angles: Angles in degrees.
+
+    Returns:
+        A row for each angle and action selection.
     """
     rows: list[Row] = []
     for angle, readout in itertools.product(angles, method.readouts):
@@ -128,6 +170,13 @@ def references(world: str, angles: Sequence[float]) -> list[Row]:
     """Return the regrets of each demonstrator, and of value iteration, at each angle.
 
     A learner that only chooses among the demonstrators can't be better than the best of them.
+
+    Args:
+        world: Name of the gridworld.
+        angles: Angles in degrees.
+
+    Returns:
+        A row for each angle, with the regret of value iteration and of each demonstrator.
     """
     ground = Ground.of(world)
     reachable = ground.table.mdp.reachable()
@@ -146,8 +195,14 @@ def references(world: str, angles: Sequence[float]) -> list[Row]:
 def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
     """Return, for each world and method, the setting with the greatest mean J(α).
 
-    J*(α) is the same for all settings, so this is also the least mean regret. The rows are those of
-    the development seeds. Of equal settings the first in the order of their grid is chosen.
+    J*(α) is the same for all settings, so this is also the least mean regret.
+
+    Args:
+        rows: Rows of the development seeds.
+        setting: Name of the column with the setting.
+
+    Returns:
+        The chosen value by world and method; of equal settings the first in the order of the rows.
     """
     chosen: dict[tuple[str, str], Any] = {}
     for (world, method), group in groups(rows, "world", "method").items():
@@ -160,9 +215,17 @@ def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
 
 
 def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) -> list[Row]:
-    """Return means over seeds of the rows of single policies with equal `keys`.
+    """Return means over seeds of the rows of single policies.
 
-    α̂ is that of the mean totals; low and high are of single seeds.
+    Args:
+        rows: Rows of `rows_of`, or with the same columns.
+        keys: Columns by which rows are put together.
+        also: Further columns whose means are taken.
+
+    Returns:
+        A row for each combination of the keys. α̂ is that of the mean totals. The columns `..._low`
+        and `..._high` have the extremes of single seeds; a value or regret that is unknown is
+        empty.
     """
     pooled: list[Row] = []
     for values, group in groups(rows, *keys).items():
@@ -180,8 +243,12 @@ def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) ->
 def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """Return mean J(α), mean regret and worst regret of each method over all target angles.
 
-    The rows are those of `means`, and `keys` doesn't name the angle. Regrets are empty where the
-    optimum is unknown.
+    Args:
+        pooled: Rows of `means`.
+        keys: Columns by which rows are put together; the angle is not among them.
+
+    Returns:
+        A row for each combination of the keys. Regrets are empty where the optimum is unknown.
     """
     rows = []
     for values, group in groups(pooled, *keys).items():
@@ -197,7 +264,15 @@ TITLES = {"regret": "regret J*(α) - J(α)", "value": "mean total J(α)"}
 
 
 def quantity(results: Results, world: str) -> str:
-    """Return the column of a figure: regret where the optimum is known, else the value."""
+    """Return the name of the column that a figure shows.
+
+    Args:
+        results: Results with a table `pooled` of `means`.
+        world: Name of the world.
+
+    Returns:
+        "regret" where the optimum is known, else "value".
+    """
     rows = matching(results.tables["pooled"], world=world)
     return "value" if "" in column(rows, "regret") else "regret"
 
@@ -210,7 +285,11 @@ def angle_figure(
 ) -> Figure:
     """Draw a field for each method and angle: the mean over seeds, and the range if it differs.
 
-    The results have a table `pooled` of `means`. Each readout has a panel.
+    Args:
+        results: Results with a table `pooled` of `means`.
+        world: Name of the world.
+        labels: Name of each method in the figure.
+        readouts: Action selections; each has a panel.
     """
     rows = matching(results.tables["pooled"], world=world)
     rows = [row for row in rows if row["readout"] in readouts]
@@ -219,15 +298,18 @@ def angle_figure(
     angles = sorted(set(column(rows, "target_angle")))
     picture = figure(3.6 + 0.95 * len(angles), 1.4 + 0.46 * len(readouts) * len(methods))
     panels = np.ravel(picture.subplots(len(readouts), sharex=True, squeeze=False))
-    values, colors = column(rows, name), matplotlib.colormaps["viridis"]
+    values = column(rows, name)
+    colors = matplotlib.colormaps["viridis"]
     norm = Normalize(min(values), max(values))
     if name == "regret":  # small regrets matter, and differ by orders of magnitude
-        norm, colors = PowerNorm(0.4, 0.0, max(max(values), 1e-6)), colors.reversed()
+        norm = PowerNorm(0.4, 0.0, max(max(values), 1e-6))
+        colors = colors.reversed()
     image: Any = None
     for axes, readout in zip(panels, readouts, strict=True):
         field = np.full((len(methods), len(angles)), np.nan)
         for row in matching(rows, readout=readout):
-            down, across = methods.index(row["method"]), angles.index(row["target_angle"])
+            down = methods.index(row["method"])
+            across = angles.index(row["target_angle"])
             field[down, across] = row[name]
             red, green, blue = colors(norm(row[name]))[:3]
             ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 0.5 else "white"

@@ -1,13 +1,13 @@
 """Studies that a STUDY.toml declares, in its order: settings, trainings, tables, figures, views.
 
-`[config]` holds the settings and their defaults; "$method" there stands for the names of all tables
+`[config]` holds the settings and their defaults; in it "$method" stands for the names of all tables
 `[method.NAME]`. Elsewhere "$name" is the value of a setting, "$name.0" its first item, "{name}" its
-text, and "@field" in a label the field of a run.
-`[defaults]` holds what every `[[train]]` shares. docs/add-a-study.md explains the grammar.
+text, and "@field" in a label the field of a run. `[defaults]` holds what every `[[train]]` shares.
+docs/add-a-study.md explains the grammar.
 
-What has no grammar is a function in `study.py` beside the declaration, named with "python": a
-prior, rows of a table, a summary, a figure or a view. A `study.py` with a `Config`, `jobs` or
-`compute_tables` of its own takes the place of `[config]` and `[[train]]`.
+What has no grammar is a function in `study.py` of the same folder, named with "python": a prior,
+rows of a table, a summary, a figure or a view. A `study.py` that has a `Config`, `jobs` or
+`compute_tables` takes the place of `[config]` and `[[train]]`.
 """
 
 from __future__ import annotations
@@ -67,7 +67,12 @@ class State:
 
 
 def declared_study(name: str, content: Mapping[str, Any], module: Any = None) -> Study:
-    """Return the study of the content of a STUDY.toml, and of the module `study.py` beside it.
+    """Return the study that a STUDY.toml declares.
+
+    Args:
+        name: Name of the study.
+        content: Content of the STUDY.toml.
+        module: The module `study.py` of the same folder; None without one.
 
     Raises:
         UserError: If `[config]` is missing, or a value in it has no plain type.
@@ -210,6 +215,18 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
 
     Defaults are laid under, `each` and the grid of `runs` are multiplied out, and the numbers of
     `reciprocal` are added.
+
+    Args:
+        content: Content of a STUDY.toml.
+        config: Configuration of the study.
+
+    Returns:
+        A declaration for each variant whose `if` is not false. Its `runs` list the values of each
+        run by name.
+
+    Raises:
+        UserError: If a setting is unknown, a column of values is no list, or `reciprocal` names an
+            unknown number.
     """
     from socialiq.evaluation.rollout import MODES
 

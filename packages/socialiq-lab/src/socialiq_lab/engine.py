@@ -124,8 +124,11 @@ class _Call:
         work: Path,
         on_stage: Callable[[str], Callable[[Report], None] | None],
     ) -> None:
-        self.client, self.work, self.name = client, work, uuid.uuid4().hex
-        self.known, self.open = fingerprints(jobs), {job.name: job for job in still_open}
+        self.client = client
+        self.work = work
+        self.name = uuid.uuid4().hex
+        self.known = fingerprints(jobs)
+        self.open = {job.name: job for job in still_open}
         self.progress = Progress(jobs, still_open, on_stage)
         self.begun: set[str] = set()
         self.futures: dict[str, Future] = {}
@@ -135,7 +138,7 @@ class _Call:
         """Send the jobs and wait until all are finished.
 
         Raises:
-            UserError: If a job fails; the others are stopped first.
+            UserError: If a job fails; all other jobs are stopped first.
         """
         from socialiq_lab import cluster
 
@@ -182,7 +185,8 @@ class _Call:
 
     def _wait(self) -> None:
         """Take messages until a job is finished, or it is time to count the processes again."""
-        deadline, sent = time.monotonic() + _RECOUNT, len(self.futures)
+        deadline = time.monotonic() + _RECOUNT
+        sent = len(self.futures)
         with suppress(queue.Empty):
             while len(self.futures) == sent and time.monotonic() < deadline:
                 self._take(*self.messages.get(timeout=_RECOUNT))

@@ -2,7 +2,7 @@
 
 A `[[figure]]` is a row of panels: one for each column in `y`, times one for each value of the
 column `panels`. In a panel, `lines` gives a colour to each value of a column, `styles` a line
-style, and `each` a line of its own. `layers` draw several tables into the same panels.
+style, and `each` a separate line. `layers` draw several tables into the same panels.
 """
 
 import itertools
@@ -38,8 +38,8 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
     Args:
         specification: `table`, `where`, `split` (columns of the parts of a name), `kind`, `x`, `y`
             (a column, or several), `lines`, `styles`, `each`, `panels`, `error` (columns of a lower
-            and an upper end), `text` (column written beside points), `join` (a column of several),
-            `layers` (tables of these keys, laid over the others), `xlabel`, `ylabel`, `ylabels`,
+            and an upper end), `text` (column written next to points), `join` (a column of several),
+            `layers` (tables of these keys, drawn one over another), `xlabel`, `ylabel`, `ylabels`,
             `rotation` (of the labels at x, degrees), `xscale`, `yscale`, `xlim`, `ylim`, `hline`,
             `vline`, `diagonal`, `legend` (false for none, or "below"), `words` (texts in place of
             the values of a column), `title`, `size` (of a panel, in inches), `columns` (panels side
@@ -70,7 +70,8 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
             _layer(axes, layer, panel, _rows(layer, results))
         _finish(axes, specification, panel)
     legends = [set(axes.get_legend_handles_labels()[1]) for axes in grid]
-    labels, legend = set[str]().union(*legends), specification.get("legend", True)
+    labels = set[str]().union(*legends)
+    legend = specification.get("legend", True)
     crowded = len(panels) > 1 and (len(labels) > _FEW or labels != legends[0])
     below = bool(labels and legend and (crowded or legend == "below"))
     if labels and legend and not below:
@@ -207,7 +208,8 @@ def _heatmap(axes: Any, layer: Mapping[str, Any], rows: list[Row], value: str) -
     """Draw a column as colour over two others, `x` and `by`; white where there is no row."""
     if not rows:
         return
-    across, down = sorted(_values(rows, layer["x"])), sorted(_values(rows, layer["by"]))
+    across = sorted(_values(rows, layer["x"]))
+    down = sorted(_values(rows, layer["by"]))
     picture = np.full((len(down), len(across)), np.nan)
     for row in rows:
         picture[down.index(row[layer["by"]]), across.index(row[layer["x"]])] = row[value]

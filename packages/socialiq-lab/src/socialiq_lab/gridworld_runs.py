@@ -29,7 +29,17 @@ def grid_of(
     seeds: Sequence[int],
     base: presets.IQLearnHyperparameters,
 ) -> list[presets.IQLearnHyperparameters]:
-    """Return hyperparameters for every angle, strength and seed; seed i learns from data set i."""
+    """Return hyperparameters for every angle, strength and seed.
+
+    Args:
+        angles: Angles in degrees.
+        strengths: Strengths of the prior.
+        seeds: Training seeds; seed i learns from data set i.
+        base: All other hyperparameters.
+
+    Returns:
+        The hyperparameters of each run, the seed varying fastest and the angle slowest.
+    """
     return [
         dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
         for angle in angles
@@ -50,7 +60,16 @@ def train_runs(
 ) -> Trained:
     """Train in the ground's world and record the monitor's values after every chunk.
 
-    The default monitor of a training with a progress callback or a chunk is the exact metrics.
+    Args:
+        ground: The world, enumerated.
+        static: Static configuration of all runs.
+        hyperparameters: Hyperparameters of each run.
+        datasets: Demonstrations that the runs' `dataset` numbers.
+        on_report: Progress callback.
+        chunk: Updates of a chunk; None for 500.
+        monitor: Measures the runs after each chunk. None for the exact metrics if there is a
+            progress callback or a chunk, else for no measures.
+        prior: A user's penalty in place of the quadratic one; None for the configured prior.
     """
     if monitor is None and (on_report is not None or chunk is not None):
         monitor = exact.exact_monitor(ground.part, [run.temperature for run in hyperparameters])
@@ -77,17 +96,26 @@ def train_declared(
     on_report: Callable[[Report], None] | None,
     prior: Callable[..., Any] | None = None,
 ) -> tuple[list[Row], list[Learned]]:
-    """Train the runs of a `[[train]]` in one program; return its rows and its policies.
+    """Train the runs of a `[[train]]` in one program.
 
-    `training` is the declaration as `declared.variants` multiplies it out. Each seed has its own
-    data set; new ones are added to `data_sets`, by their declaration, as "trajectories 60". `prior`
-    is a penalty of the user's own in place of the quadratic one.
+    Args:
+        training: The declaration as `declared.variants` multiplies it out.
+        ground: The world, enumerated.
+        seeds: Training seeds; each has a separate data set.
+        data_sets: Data sets by their declaration, as "trajectories 60"; new ones are added.
+        on_report: Progress callback.
+        prior: A user's penalty in place of the quadratic one.
+
+    Returns:
+        The rows and the policies. With `checkpoint` the rows are those of `checkpoint_rows`, and
+        there are no policies.
     """
     ((kind, number),) = training["data"].items()
     if (key := f"{kind} {number}") not in data_sets:
         experts = {"trajectories": trajectory_datasets, "transitions": transition_datasets}
         data_sets[key] = experts[kind](ground.table, seeds, number)
-    data, chunk = data_sets[key], training.get("checkpoint")
+    data = data_sets[key]
+    chunk = training.get("checkpoint")
     static, numbers = learner_of(training)
     runs = [
         dataclasses.replace(changed(numbers, values), seed=seed, dataset=index)
@@ -136,7 +164,13 @@ def learner_of(training: Mapping[str, Any]) -> tuple[Any, Any]:
 
 
 def checkpoint_rows(trained: Trained, runs: Sequence[Any], labels: Sequence[Row]) -> list[Row]:
-    """Return a row for each checkpoint, run and action selection, with the exact metrics."""
+    """Return a row for each run, action selection and checkpoint, with the exact metrics.
+
+    Args:
+        trained: Runs whose history has the exact metrics.
+        runs: Hyperparameters of each run.
+        labels: Further columns of each run.
+    """
     arrays = {
         (readout, name): trained.history.array(f"{readout}_{name}")
         for readout in exact.READOUTS
@@ -153,12 +187,26 @@ def checkpoint_rows(trained: Trained, runs: Sequence[Any], labels: Sequence[Row]
 
 
 def evaluate(ground: Ground, policy: QPolicy, readout: exact.Readout) -> Metrics:
-    """Return the exact metrics of a trained policy."""
+    """Return the exact metrics of a trained policy.
+
+    Args:
+        ground: The world, enumerated.
+        policy: The policy.
+        readout: Action selection, one of `exact.READOUTS`.
+    """
     return exact.evaluate_exactly(ground.part, exact.action_table(policy, ground.part, readout))
 
 
 def rows_of(ground: Ground, policy: QPolicy, angle: float, label: Row, seed: int) -> list[Row]:
-    """Return label, seed, metrics and regret of a policy, a row for each action selection."""
+    """Return label, seed, metrics and regret of a policy, a row for each action selection.
+
+    Args:
+        ground: The world, enumerated.
+        policy: The policy.
+        angle: Angle of the regret, in degrees.
+        label: Columns of every row.
+        seed: Training seed.
+    """
     rows = []
     for readout in exact.READOUTS:
         metrics = evaluate(ground, policy, readout)
@@ -168,8 +216,17 @@ def rows_of(ground: Ground, policy: QPolicy, angle: float, label: Row, seed: int
 
 
 def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
-    """Return the actions of a greedy episode in a deterministic world, W for Wait, G for Go."""
-    mdp, letters = table.mdp, ""
+    """Return the actions of a greedy episode in a deterministic world.
+
+    Args:
+        table: The world.
+        policy: Action probabilities or scores, of which the largest is taken.
+
+    Returns:
+        The first letter of each action: in the 5x5 world W for Wait, G for Go.
+    """
+    mdp = table.mdp
+    letters = ""
     state = int(mdp.initial.argmax())
     for _ in range(table.world.horizon):
         action = int(policy[state].argmax())

@@ -45,7 +45,15 @@ def callbacks_of(
     done: float = 0.0,
     share: float = 1.0,
 ) -> Callbacks:
-    """Return the callbacks of a training: a share of its job, which resumes from a checkpoint."""
+    """Return the callbacks of a training that is a part of a job.
+
+    Args:
+        progress: Callback of the job.
+        checkpoint: File of the resumable state; the training resumes from it if it exists.
+        monitor: Measures of the training after each chunk.
+        done: Share of the job that is finished when the training begins.
+        share: Share of the job that the training takes.
+    """
 
     def on_report(report: Report) -> None:
         progress(done + share * report.done / report.total)
@@ -111,7 +119,12 @@ def fingerprints(jobs: Sequence[Job]) -> dict[str, str]:
 
 
 def is_done(folder: Path, fingerprint: str) -> bool:
-    """Whether a folder holds the finished job of this fingerprint."""
+    """Whether a folder holds the finished job of this fingerprint.
+
+    Args:
+        folder: Folder of the job.
+        fingerprint: Result of `fingerprints` for the job.
+    """
     record = folder / RECORD
     return record.is_file() and read_json(record).get("fingerprint") == fingerprint
 
@@ -119,11 +132,21 @@ def is_done(folder: Path, fingerprint: str) -> bool:
 def do(
     job: Job, work: Path, fingerprint: str, on_progress: ProgressCallback, call: str = ""
 ) -> float:
-    """Run a job, and return the seconds it took.
+    """Run a job, unless it is finished.
 
-    Its folder appears whole, or its written files remain for the next try. Two processes never do
-    the same job at a time; the second finds it finished. Interrupted tries are counted for each
-    `call` of `run_jobs`.
+    The job's folder appears whole, or its written files remain for the next try. Two processes
+    never do the same job at a time; the second finds it finished.
+
+    Args:
+        job: The job.
+        work: Work folder.
+        fingerprint: Result of `fingerprints` for the job.
+        on_progress: Callback of the job.
+        call: Name of the call of `run_jobs`, for which interrupted tries are counted; "" for no
+            count.
+
+    Returns:
+        The seconds that it took; 0 if it was finished already.
 
     Raises:
         UserError: If the folder can't be written, or the job was interrupted too often.
@@ -151,7 +174,7 @@ def do(
 
 
 def _begun(job: Job, work: Path, fingerprint: str, call: str) -> Path:
-    """Return the folder in which a job is done, with the number of its tries noted there."""
+    """Return the folder in which a job is done, in which the number of its tries is noted."""
     target = work / f"{job.name}.part"
     mark = target / _BEGUN
     try:
@@ -174,13 +197,24 @@ def _begun(job: Job, work: Path, fingerprint: str, call: str) -> Path:
 
 
 def open_jobs(jobs: Sequence[Job], work: Path) -> list[Job]:
-    """Return the jobs that are not finished."""
+    """Return the jobs that are not finished.
+
+    Args:
+        jobs: Jobs, each after its inputs.
+        work: Work folder.
+
+    Returns:
+        The open jobs in their order.
+
+    Raises:
+        UserError: If two jobs share a name.
+    """
     hashes = fingerprints(jobs)
     return [job for job in jobs if not is_done(work / job.name, hashes[job.name])]
 
 
 def check_work(work: Path) -> None:
-    """Refuse a work folder with content that no run of jobs has left there."""
+    """Refuse a work folder with content that no run of jobs has left."""
     names = {path.name for path in work.iterdir()} if work.is_dir() else set()
     if names and not names & {".lock", ".locks", "compiled", "sweep.sh"}:
         raise UserError(f"{work} holds something else: name a new folder with --work")
@@ -240,7 +274,8 @@ class Progress:
         still_open: Sequence[Job],
         on_stage: Callable[[str], Callable[[Report], None] | None],
     ) -> None:
-        self._watch, self._shown = on_stage, dict[str, Any]()
+        self._watch = on_stage
+        self._shown = dict[str, Any]()
         self._jobs = {job.name: job for job in jobs}
         waiting = {job.name for job in still_open}
         self._share = {job.name: float(job.name not in waiting) for job in jobs}
@@ -254,14 +289,20 @@ class Progress:
             self._shown[stage] = self._watch(stage)
 
     def update(self, name: str, share: float) -> None:
-        """Take note that a job that has begun has come so far."""
+        """Take note of the finished share of a job that has begun, and report its stage.
+
+        Args:
+            name: Name of the job.
+            share: Finished share of the job, from 0 to 1.
+        """
         stage = self._jobs[name].stage
         self._share[name] = share
         if not self._shown[stage]:
             return
         began, at = self._began[stage]
         jobs = [job for job in self._jobs.values() if job.stage == stage]
-        total, done = sum(job.cost for job in jobs), self._of(stage)
+        total = sum(job.cost for job in jobs)
+        done = self._of(stage)
         finished = sum(self._share[job.name] >= 1 for job in jobs)
         pace = (done - at) / max(time.monotonic() - began, 1e-9)
         left = (total - done) / pace if pace > 0 else float("inf")

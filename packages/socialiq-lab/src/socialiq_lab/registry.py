@@ -1,8 +1,8 @@
 """The studies by name: a folder `studies/NAME` with a STUDY.toml each.
 
-The folder lies in the checkout, beside `packages`, or in the current folder; it is in no wheel.
+The folder lies in the checkout, next to `packages`, or in the current folder; it is in no wheel.
 STUDY.toml has a `title`, and declares the study (`socialiq_lab.declared`); or a module `study.py`
-beside it ends with `STUDY` (`socialiq_lab.study.Study`). Its table `tiny` is the preset of that
+of its folder ends with `STUDY` (`socialiq_lab.study.Study`). Its table `tiny` is the preset of that
 name: other values of the configuration for a run of seconds.
 """
 
@@ -90,8 +90,9 @@ def read(path: Path) -> dict[str, Any]:
 def study_and_declaration(name: str, allow_code: bool = False) -> tuple[Study, dict[str, Any]]:
     """Return a study by name, and the content of its STUDY.toml (empty for FILE.py:NAME).
 
-    The name is one of `STUDIES`, the path of a STUDY.toml, or FILE.py:NAME; code of the user's own
-    runs, with the user's rights, if `allow_code`.
+    Args:
+        name: One of `STUDIES`, the path of a STUDY.toml, or FILE.py:NAME.
+        allow_code: Whether a user's code may run, with the user's rights.
 
     Raises:
         UserError: If there is none of that name, or its code may not run or fails.
@@ -99,7 +100,8 @@ def study_and_declaration(name: str, allow_code: bool = False) -> tuple[Study, d
     module: Any = None
     if name.endswith(".toml"):
         path = Path(name)
-        content, beside = read(path), path.parent / "study.py"
+        content = read(path)
+        beside = path.parent / "study.py"
         if beside.is_file():
             module = _run(str(beside), str(beside), allow_code)
         return declared_study(path.parent.name, content, module), content
@@ -122,7 +124,15 @@ def study_and_declaration(name: str, allow_code: bool = False) -> tuple[Study, d
 
 
 def find(name: str, allow_code: bool = False) -> Study:
-    """Return a study by name, as `study_and_declaration`."""
+    """Return a study by name.
+
+    Args:
+        name: One of `STUDIES`, the path of a STUDY.toml, or FILE.py:NAME.
+        allow_code: Whether a user's code may run, with the user's rights.
+
+    Raises:
+        UserError: If there is none of that name, or its code may not run or fails.
+    """
     return study_and_declaration(name, allow_code)[0]
 
 

@@ -30,11 +30,11 @@ StageCallback = Callable[[str], Callable[[Report], None] | None]
 
 
 def silent(_stage: str) -> None:
-    """A `StageCallback` that shows nothing."""
+    """A `StageCallback` that shows no progress."""
 
 
 class Context(NamedTuple):
-    """Context of a study's `tables` function, beside its configuration."""
+    """Second argument of a study's `tables` function, after its configuration."""
 
     jobs: Sequence[Job]  # all of them, finished
     work: Path  # has a folder for each of them
@@ -94,8 +94,12 @@ def run(
 ) -> Results:
     """Run the jobs that are not finished yet, and compute the tables, rounded as they are saved.
 
-    By default the configuration is that of the committed results, the folder of the jobs is a
-    temporary one, and the jobs run on every core of this machine.
+    Args:
+        study: The study.
+        config: Its configuration; None for that of the committed results.
+        on_stage: Shows the progress of each stage.
+        work: Folder of the jobs; None for a temporary one.
+        engine: Processes or cluster of the jobs; None for every core of this machine.
 
     Raises:
         UserError: If a job fails or the work folder can't be written.
@@ -120,6 +124,12 @@ def run(
 def save(study: Study, results: Results, folder: Path, replace: bool) -> None:
     """Write results and figures to a folder, whole or not at all.
 
+    Args:
+        study: The study.
+        results: Its results.
+        folder: Folder to write.
+        replace: Whether results in the folder may be replaced.
+
     Raises:
         UserError: If the folder exists and may not be replaced, or can't be written.
     """
@@ -129,7 +139,11 @@ def save(study: Study, results: Results, folder: Path, replace: bool) -> None:
 
 
 def load(study: Study, folder: Path) -> Results:
-    """Read a study's results from a folder, or from the folder of its name there.
+    """Read a study's results from a folder, or from its subfolder of the study's name.
+
+    Args:
+        study: The study.
+        folder: Folder of the results, or the folder above it.
 
     Raises:
         UserError: If there are none, or those of another study.
@@ -144,8 +158,16 @@ def load(study: Study, folder: Path) -> Results:
 def tracked(
     items: Sequence[Item], on_stage: StageCallback, stage: str, unit: str
 ) -> Iterator[Item]:
-    """Yield the items of a stage, and show how many are done, in this unit."""
-    report, clock = on_stage(stage), Clock(0, len(items), 1)
+    """Yield the items of a stage, and show the number of those that are done.
+
+    Args:
+        items: The items.
+        on_stage: Progress callback of the study.
+        stage: Name of the stage.
+        unit: Name of the items in the display.
+    """
+    report = on_stage(stage)
+    clock = Clock(0, len(items), 1)
     for done, item in enumerate(items, start=1):
         yield item
         if report is not None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from socialiq.errors import one_of
 from socialiq.statistics.comparisons import holm, paired_difference
+from socialiq.statistics.intervals import normal_mean
 from socialiq.types import Row
 
 
@@ -18,13 +19,37 @@ def groups(rows: Sequence[Row], *keys: str) -> dict[tuple, list[Row]]:
     return result
 
 
+def over_seeds(name: str, runs: Sequence[np.ndarray]) -> Row:
+    """Return a mean over training seeds and episodes.
+
+    Args:
+        name: Name of the mean.
+        runs: Values of the same episodes, (episode,), for each training seed.
+
+    Returns:
+        The columns of `normal_mean` over episodes, and the least and the largest mean of a seed,
+        name_least and name_largest.
+    """
+    means = [float(run.mean()) for run in runs]
+    row = normal_mean(name, np.mean(runs, axis=0))
+    return row | {f"{name}_least": min(means), f"{name}_largest": max(means)}
+
+
 def matching(rows: Sequence[Row], **columns: Any) -> list[Row]:
     """Return the rows that have these values."""
     return [row for row in rows if all(row[key] == value for key, value in columns.items())]
 
 
 def where(rows: Sequence[Row], conditions: Mapping[str, Any]) -> list[Row]:
-    """Return the rows that meet every condition: a column's value, or a list of its values."""
+    """Return the rows that meet every condition.
+
+    Args:
+        rows: Rows with equal columns.
+        conditions: Value of a column, or a list of its possible values, by name of the column.
+
+    Raises:
+        UserError: If a column is unknown.
+    """
     for name in conditions if rows else ():
         one_of("column", name, tuple(rows[0]))
     allowed = {
@@ -40,6 +65,11 @@ def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], g
     Its operations are taken in this order: `from`, `where`, `regret_at` (an angle in degrees), and
     one of `mean` (means of numeric columns by these columns), `paired` (tests of a difference over
     seeds, see `paired_table`) and `pool` (exact metrics, means over seeds by these columns).
+
+    Args:
+        specification: The `[[table]]`.
+        tables: Tables so far, by name.
+        ground: The world, for regrets; None if there are none.
     """
     rows = where(tables[specification["from"]], specification.get("where", {}))
     if "regret_at" in specification:
@@ -64,15 +94,22 @@ def metrics_of(row: Row) -> Any:
 
 
 def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
-    """Return means over seeds of rows with equal `keys`; the angle is that of the mean totals.
+    """Return means over seeds of rows with equal keys.
 
-    `angle_low` and `angle_high` are the least and greatest angle of a single seed.
+    Args:
+        rows: Rows with exact metrics and a regret, one for each seed.
+        keys: Columns by which rows are put together.
+
+    Returns:
+        A row for each combination of the keys. Its angle is that of the mean totals; `angle_low`
+        and `angle_high` are the least and greatest angle of a single seed.
     """
     from socialiq.evaluation.exact import mean_of
 
     means = []
     for values, group in groups(rows, *keys).items():
-        metrics, angles = mean_of([metrics_of(row) for row in group]), column(group, "angle")
+        metrics = mean_of([metrics_of(row) for row in group])
+        angles = column(group, "angle")
         means.append(
             dict(zip(keys, values, strict=True))
             | {"seeds": len(group)}
@@ -93,8 +130,17 @@ def paired_table(
 ) -> list[Row]:
     """Test each group against a reference group, paired by training seed, with Holm's adjustment.
 
-    Rows stand for a group, named in the column `by`, and a seed. Rows that differ in the columns
-    `within` are compared separately; the adjustment is over all comparisons.
+    Args:
+        rows: A row for each group and seed.
+        by: Column with the name of the group.
+        reference: Name of the reference group.
+        columns: Columns whose differences are tested.
+        within: Rows that differ in these columns are compared separately.
+        seed: Column with the training seed.
+
+    Returns:
+        A row for each test. The adjustment is over all of them; a group with fewer than two common
+        seeds has no test.
     """
     tests = []
     for values, comparable in groups(rows, *within).items():
@@ -112,17 +158,35 @@ def paired_table(
 
 
 def column(rows: Sequence[Row], name: str) -> list[Any]:
-    """Return the values of a column."""
+    """Return the values of a column.
+
+    Args:
+        rows: The rows.
+        name: Name of the column.
+    """
     return [row[name] for row in rows]
 
 
 def mean(rows: Sequence[Row], name: str) -> float:
-    """Return the mean of a column."""
+    """Return the mean of a column.
+
+    Args:
+        rows: The rows, at least one.
+        name: Name of the column.
+    """
     return float(np.mean(column(rows, name)))
 
 
 def spread(rows: Sequence[Row], name: str) -> dict[str, float]:
-    """Return mean, least and largest value of a column."""
+    """Return statistics of a column.
+
+    Args:
+        rows: The rows, at least one.
+        name: Name of the column.
+
+    Returns:
+        `mean`, and the least and largest value as `low` and `high`.
+    """
     values = column(rows, name)
     return {"mean": float(np.mean(values)), "low": min(values), "high": max(values)}
 
@@ -136,8 +200,10 @@ def numeric_means(rows: Sequence[Row]) -> Row:
 def nested(rows: Sequence[Row], *keys: str, keep: Sequence[str] | None = None) -> dict[str, Any]:
     """Return rows as nested mappings by the values of their keys, the outermost first.
 
-    Of equal keys the last row stays. A float is written as short as it can be. By default all
-    columns but the keys are kept.
+    Args:
+        rows: The rows. Of two with equal keys the later one stays.
+        *keys: Columns of the keys; a float is written as short as it can be.
+        keep: Columns that are kept; None for all except the keys.
     """
     result: dict[str, Any] = {}
     for row in rows:
@@ -150,7 +216,14 @@ def nested(rows: Sequence[Row], *keys: str, keep: Sequence[str] | None = None) -
 
 
 def pivoted(rows: Sequence[Row], by: str, across: str, value: str) -> list[Row]:
-    """Return a row for each value of `by`, with the mean of a column for each value of `across`."""
+    """Return a row for each value of `by`, with the mean of a column for each value of `across`.
+
+    Args:
+        rows: The rows.
+        by: Column whose values make the rows of the result.
+        across: Column whose values make the further columns of the result.
+        value: Column whose means are taken.
+    """
     result: dict[Any, Row] = {}
     for (first, second), group in groups(rows, by, across).items():
         result.setdefault(first, {by: first})[as_text(second)] = mean(group, value)
@@ -168,7 +241,16 @@ def options_name(options: Mapping[str, Any]) -> str:
 
 
 def paired_row(label: Row, first: Sequence[float], second: Sequence[float]) -> Row:
-    """Return the test of a difference that is paired over training seeds, as a row."""
+    """Return the test of a difference that is paired over training seeds, as a row.
+
+    Args:
+        label: First columns of the row.
+        first: Values of one group.
+        second: Values of another group, in the same order of seeds.
+
+    Returns:
+        The label, and the fields of `paired_difference`.
+    """
     return label | paired_difference(first, second)._asdict()
 
 
@@ -183,7 +265,14 @@ def paired_differences(
 ) -> list[Row]:
     """Test the difference of each column between two groups of rows, with Holm's adjustment.
 
-    Both groups have a row for each training seed, in the same order. There is no test for one seed.
+    Args:
+        first: A row for each training seed.
+        second: Rows of another group, in the same order.
+        *columns: Columns whose differences are tested.
+        label: Name of the column that names the tested one.
+
+    Returns:
+        A row for each test; none if there is only one seed.
     """
     if len(first) < 2:
         return []

@@ -45,6 +45,11 @@ LEAST_DECISIONS = 3
 def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.95) -> list[Row]:
     """Return a row for each driver of a world's replayed episodes, one for each vehicle.
 
+    Args:
+        world: World of the recordings.
+        replayed: Its recorded vehicles' episodes.
+        confidence: Probability of the confidence region, as 0.95.
+
     Returns:
         `recording` and the vehicle's number in it, `identity`; `decisions` and `seconds` of the
         episode; `ending`: "arrival", or "truncated" if it left the view; means of a decision:
@@ -54,7 +59,8 @@ def drivers_of(world: RecordedWorld, replayed: Replayed, confidence: float = 0.9
         the origin, so that every direction is possible, or of fewer than three decisions; root mean
         square of what the levels of acceleration leave, `residual`, m/s.
     """
-    table, road = replayed.table, world.road
+    table = replayed.table
+    road = world.road
     names = [source["recording"] for source in world.provenance["recordings"]]
     drivers = []
     for vehicle, first, count in zip(
@@ -99,15 +105,22 @@ def population_of(
 ) -> Row:
     """Return the statistics of all drivers, each counted once.
 
+    Args:
+        drivers: Rows of `drivers_of`, one for each driver.
+        identified: Chains and sites of the recordings.
+        seed: Seed of the resampling.
+        confidence: Probability of the intervals.
+        resamples: Number of samples that are drawn for an interval.
+
     Returns:
         Numbers of `drivers`, of `recordings` with a driver, of `chains` of recordings that share no
         vehicle, and of `sites`; mean `r_env` and `r_social` of the drivers' points, and their
         standard deviations `sd_env` and `sd_social`, including noise; the angle of the mean point,
         degrees, with resampled drivers, `over_drivers`, and with resampled chains, `over_chains`,
         None with fewer than two; the number of those slower than `STANDING`, `standing`, and the
-        angle of the others, `of_the_moving`; circular standard deviation of the drivers' angles,
-        `circular_sd`, degrees; number of drivers whose angle has an interval, `with_direction`; the
-        `confidence`.
+        angle of the drivers that are not, `of_the_moving`; circular standard deviation of the
+        drivers' angles, `circular_sd`, degrees; number of drivers whose angle has an interval,
+        `with_direction`; the `confidence`.
     """
     points = np.array([[driver["r_env"], driver["r_social"]] for driver in drivers])
     moving = np.array([driver["speed"] >= STANDING for driver in drivers])
@@ -158,7 +171,15 @@ _ENDINGS = {
 
 
 def picture(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any]) -> Figure:
-    """Draw the drivers' points, and their angles with intervals."""
+    """Draw the drivers' points, and their angles with intervals.
+
+    Args:
+        drivers: Rows of `drivers_of`.
+        population: The statistics of these drivers, as `population_of` returns them.
+
+    Returns:
+        Points of r_env and r_social on the left, angles with intervals, degrees, on the right.
+    """
     drawing = figure(10.5, 4.8)
     left, right = drawing.subplots(1, 2, width_ratios=(1.25, 1.0))
     for ending, (mark, color, label) in _ENDINGS.items():
@@ -205,7 +226,8 @@ def picture(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any])
         group = [(y, d) for y, d in enumerate(directed) if (d["low"] is not None) == with_interval]
         for y, driver in group if with_interval else []:
             right.plot([driver["low"], driver["high"]], [y, y], color="#9db8d9", linewidth=1.0)
-        angles, heights = [driver["angle"] for _, driver in group], [y for y, _ in group]
+        angles = [driver["angle"] for _, driver in group]
+        heights = [y for y, _ in group]
         text = f"{label} ({len(group)})"
         right.plot(angles, heights, ".", color=color, markersize=size, label=text)
     names = {"xlabel": "direction of the driver's point, degrees", "ylabel": "drivers, by angle"}

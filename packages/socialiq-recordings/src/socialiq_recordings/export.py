@@ -27,7 +27,8 @@ def write_commonroad(recording: Recording, path: Path) -> None:
     Raises:
         UserError: If two elements have the same number, or the file can't be written.
     """
-    tracks, road = recording.tracks, recording.road
+    tracks = recording.tracks
+    road = recording.road
     taken = [*tracks.identity.tolist(), *road.lanelets]
     if len(set(taken)) < len(taken):
         twice = next(number for number in taken if taken.count(number) > 1)

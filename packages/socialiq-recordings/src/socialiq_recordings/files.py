@@ -46,7 +46,8 @@ def save(path: Path, recording: Recording) -> str:
     Raises:
         UserError: If the file can't be written.
     """
-    tracks, lanelets = recording.tracks, list(recording.road.lanelets.values())
+    tracks = recording.tracks
+    lanelets = list(recording.road.lanelets.values())
     header = {"dt": tracks.dt, "recording": tracks.recording, "source": tracks.source}
     rows: dict[str, list[Any]] = {name: [] for name in (*ROAD, *LIGHTS)}
     for lanelet in lanelets:
@@ -106,8 +107,10 @@ def load(path: Path) -> Recording:
 
 def _cycles(arrays: dict[str, np.ndarray]) -> dict[int, Cycle]:
     """Return the cycles of lights by lanelet."""
-    lights, phases = arrays["light"], arrays["light_phase"]
-    numbers, colours = lights[:, 0].tolist(), {int(colour) for colour in Colour}
+    lights = arrays["light"]
+    phases = arrays["light_phase"]
+    numbers = lights[:, 0].tolist()
+    colours = {int(colour) for colour in Colour}
     if (
         len({*numbers}) < len(numbers)
         or not {*numbers} <= {*arrays["lanelet"].tolist()}
@@ -124,7 +127,8 @@ def _cycles(arrays: dict[str, np.ndarray]) -> dict[int, Cycle]:
 
 
 def _road_of(arrays: dict[str, np.ndarray], cycles: dict[int, Cycle]) -> RoadNetwork:
-    numbers, points = arrays["lanelet"].tolist(), arrays["lanelet_points"]
+    numbers = arrays["lanelet"].tolist()
+    points = arrays["lanelet_points"]
     complete = len(points) == len(numbers) == len(arrays["speed_limit"]) == len(arrays["sign"])
     pairs = ("successor", "predecessor", "adjacent_left", "adjacent_right", "stop_line")
     if (
@@ -141,7 +145,8 @@ def _road_of(arrays: dict[str, np.ndarray], cycles: dict[int, Cycle]) -> RoadNet
         for row in arrays[name].tolist():
             rows[name].setdefault(int(row[0]), []).append(row[1:])
     ends = np.cumsum(points)[:-1]
-    left, right = np.split(arrays["left"], ends), np.split(arrays["right"], ends)
+    left = np.split(arrays["left"], ends)
+    right = np.split(arrays["right"], ends)
     lanelets = {}
     for index, identity in enumerate(numbers):
         of = {name: by_number.get(identity, []) for name, by_number in rows.items()}

@@ -33,8 +33,15 @@ def acceleration(
 ) -> Any:  # fmt: skip
     """Return the acceleration of the IDM, m/s² (`physics.idm`), of numbers or arrays.
 
-    The gap is to the leader's rear, m, infinite without a leader; then the leader's speed, m/s, and
-    the fields of `Idm`.
+    Args:
+        speed: Speed of the follower, m/s.
+        gap: Distance to the leader's rear, m; infinite without a leader.
+        leader_speed: Speed of the leader, m/s.
+        desired: Desired speed v0, m/s.
+        headway: Time headway T, s.
+        jam: Jam distance s0, m.
+        strongest: Largest acceleration a, m/s².
+        comfort: Comfortable deceleration b, m/s², positive.
     """
     power = (speed / desired) ** EXPONENT
     return limited(speed, gap, leader_speed, power, headway, jam, strongest, comfort)
@@ -49,6 +56,16 @@ def limited(
 
     Its limits: a faster leader shortens the desired gap to the jam distance at most, the gap is at
     least 0.1 m, and no deceleration exceeds `HARDEST`.
+
+    Args:
+        speed: Speed of the follower, m/s.
+        gap: Distance to the leader's rear, m; infinite without a leader.
+        leader_speed: Speed of the leader, m/s.
+        power: (v/v0)^δ, with the follower's speed v and its desired speed v0.
+        headway: Time headway T, s.
+        jam: Jam distance s0, m.
+        strongest: Largest acceleration a, m/s².
+        comfort: Comfortable deceleration b, m/s², positive.
     """
     wish = desired_gap(speed * headway, speed, speed - leader_speed, strongest, comfort)
     ratio = (jam + np.maximum(0.0, wish)) / np.maximum(gap, _LEAST_GAP)

@@ -51,7 +51,11 @@ class MeasurementError:
     def mean_speed(self, seconds: float, driven: float) -> float:
         """Return the largest difference of driven and stated mean speed over a time, m/s.
 
-        The driven distance is a difference of two positions; `driven` is its speed, m/s.
+        The driven distance is a difference of two positions.
+
+        Args:
+            seconds: The time, s.
+            driven: Speed of the driven distance, m/s.
         """
         positions = math.sqrt(2.0) * self.position / seconds
         return COVERAGE * math.hypot(self.speed, positions, self.scale * driven)
@@ -82,7 +86,8 @@ class MeasurementError:
 FASTEST = 70.0  # m/s; 252 km/h
 MOVING = 2.0  # m/s; directions are checked where driven and stated speeds are at least this
 FEWEST_STEPS = 3  # directions of a track with fewer moving seconds are not checked
-LONGEST, WIDEST = 30.0, 4.5  # m; road trains are as long, wide loads as wide
+LONGEST = 30.0  # m; road trains are as long
+WIDEST = 4.5  # m; wide loads are as wide
 SHORTEST = 0.2  # m; a pedestrian's box
 _FOOT = 0.3048
 
@@ -153,7 +158,8 @@ def _refused(tracks: Tracks, track: int, reason: str) -> Refused:
 
 
 def _check_jumps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
-    row, speed = np.flatnonzero(np.diff(tracks.track) == 0), np.hypot(tracks.vx, tracks.vy)
+    row = np.flatnonzero(np.diff(tracks.track) == 0)
+    speed = np.hypot(tracks.vx, tracks.vy)
     driven = np.hypot(np.diff(tracks.x)[row], np.diff(tracks.y)[row]) / tracks.dt
     stated = (speed[row] + speed[row + 1]) / 2
     further = (driven - stated) * tracks.dt
@@ -172,7 +178,8 @@ def _axis_angle(difference: np.ndarray) -> np.ndarray:
 
 
 def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
-    length, width = tracks.length * unit, tracks.width * unit
+    length = tracks.length * unit
+    width = tracks.width * unit
     # A person may be wider than long, so the smaller of the two is checked.
     return (np.minimum(length, width) < SHORTEST) | (length > LONGEST) | (width > WIDEST)
 
@@ -208,13 +215,15 @@ def _check_speeds(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) 
 
 def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return driven and stated speeds over a second, their distance, and the time, by track."""
-    starts, n = tracks.starts, tracks.n_tracks
+    starts = tracks.starts
+    n = tracks.n_tracks
     frames = np.minimum(max(1, round(1 / tracks.dt)), np.diff(starts) - 1)
     rows = np.arange(tracks.n_states)
     rows = rows[rows + frames[tracks.track] < starts[1:][tracks.track]]
     rows = rows[frames[tracks.track[rows]] > 0]
     track = tracks.track[rows].astype(np.int64)
-    after, time = rows + frames[track], frames[track] * tracks.dt
+    after = rows + frames[track]
+    time = frames[track] * tracks.dt
     driven = np.hypot(tracks.x[after] - tracks.x[rows], tracks.y[after] - tracks.y[rows]) / time
     integrals = []
     for velocity in (tracks.vx, tracks.vy):
@@ -240,14 +249,17 @@ def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarr
     frames = max(1, round(1 / tracks.dt))
     row = np.flatnonzero(np.diff(tracks.track) == 0)
     after = np.minimum(row + frames, tracks.starts[1:][tracks.track[row]] - 1)
-    dx, dy = tracks.x[after] - tracks.x[row], tracks.y[after] - tracks.y[row]
-    track, direction = tracks.track[row].astype(np.int64), np.arctan2(dy, dx)
+    dx = tracks.x[after] - tracks.x[row]
+    dy = tracks.y[after] - tracks.y[row]
+    track = tracks.track[row].astype(np.int64)
+    direction = np.arctan2(dy, dx)
     distance = np.hypot(dx, dy)
     vx, vy, east, north = (
         _sums(values, row, after)
         for values in (tracks.vx, tracks.vy, np.cos(tracks.heading), np.sin(tracks.heading))
     )
-    velocity, heading = np.arctan2(vy, vx), np.arctan2(north, east)
+    velocity = np.arctan2(vy, vx)
+    heading = np.arctan2(north, east)
     count = after - row
     moving = distance >= np.maximum(MOVING * count * tracks.dt, error.turned)
     moving &= np.hypot(vx, vy) >= MOVING * (count + 1)
@@ -258,7 +270,8 @@ def _check_directions(tracks: Tracks, error: MeasurementError, reasons: np.ndarr
         ("velocity", np.abs(wrapped(direction - velocity)), moving),
     ):
         medians = _medians(angles[rows], track[rows], tracks.n_tracks)
-        bad, checked = medians > error.direction, ~np.isnan(medians)
+        bad = medians > error.direction
+        checked = ~np.isnan(medians)
         if 2 * bad.sum() > max(checked.sum(), 1):
             fault = (
                 "does not point the way they move: do positions and velocities have the same axes, "
@@ -301,7 +314,8 @@ def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np
 def _check_overlaps(tracks: Tracks, error: MeasurementError, reasons: np.ndarray) -> None:
     """Refuse both tracks of an overlap, because either may be wrong; a trailer is no overlap."""
     good = reasons == ""
-    plausible, numbers = tracks.select(good), np.flatnonzero(good)
+    plausible = tracks.select(good)
+    numbers = np.flatnonzero(good)
     pairs = overlaps(plausible)
     hitched: dict[tuple[int, int], bool] = {}
     # The deepest first: it is reported.
@@ -341,7 +355,8 @@ def overlaps(tracks: Tracks) -> Overlaps:
     """Return all overlaps of a recording (`physics.overlap_depth`)."""
     order = np.argsort(tracks.frame, kind="stable")
     frames = tracks.frame[order]
-    blocks, begin = [], 0
+    blocks = []
+    begin = 0
     while begin < len(order):
         # A block ends with a frame.
         last = frames[min(begin + _BLOCK, len(order)) - 1]
@@ -361,7 +376,8 @@ def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " row"]) -> Overlaps:
     first, second = rows[tree_of(points).query_pairs(reach, output_type="ndarray")].T
     distance = np.hypot(tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first])
     near = distance < radius[tracks.track[first]] + radius[tracks.track[second]]
-    first, second = first[near], second[near]
+    first = first[near]
+    second = second[near]
     depth = overlap_depth(
         tracks.x[second] - tracks.x[first],
         tracks.y[second] - tracks.y[first],
@@ -378,8 +394,8 @@ def _hitched(tracks: Tracks, front: int, rear: int, error: MeasurementError) -> 
     """Whether two tracks are a vehicle and its trailer.
 
     A hitch is a point at a fixed place on the axes of both. Least squares over all moments find the
-    two places; the point of each then is the other's within the error of positions. Neither middle
-    is inside the other's box, and they drive further than they are long, which two boxes of one
+    two places; the two points then agree within the error of positions. Neither middle is inside
+    the box of its partner, and they drive further than they are long, which two boxes of one
     vehicle or two that were parked do not show.
     """
     starts = tracks.starts

@@ -106,7 +106,8 @@ class Tracks:
                 _refuse(
                     name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out"
                 )
-        track, frame = self.track.astype(np.int64), self.frame.astype(np.int64)
+        track = self.track.astype(np.int64)
+        frame = self.frame.astype(np.int64)
         steps = np.diff(track)
         bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
         _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
@@ -135,7 +136,8 @@ class Tracks:
         self,
     ) -> tuple[Float64[np.ndarray, " state"], Float64[np.ndarray, " state"]]:
         """Return the velocity along the heading and to its left, m/s."""
-        east, north = np.cos(self.heading), np.sin(self.heading)
+        east = np.cos(self.heading)
+        north = np.sin(self.heading)
         return self.vx * east + self.vy * north, self.vy * east - self.vx * north
 
     def select(self, keep: Bool[np.ndarray, " track"]) -> Tracks:

@@ -59,7 +59,8 @@ def _exact(tracks: Tracks) -> bool:
     if len(row) < _FEWEST:
         return False
     after = row + 1
-    dx, dy = tracks.x[after] - tracks.x[row], tracks.y[after] - tracks.y[row]
+    dx = tracks.x[after] - tracks.x[row]
+    dy = tracks.y[after] - tracks.y[row]
     residuals = []
     for share in (0.0, 0.5, 1.0):
         vx, vy = ((1 - share) * v[row] + share * v[after] for v in (tracks.vx, tracks.vy))
@@ -92,7 +93,8 @@ def _repeated_share(tracks: Tracks) -> float:
         return 0.0
     group = np.unique(seconds[keep], axis=0, return_inverse=True)[1].ravel()
     track = tracks.track[rows[keep]]
-    low, high = np.full(group.max() + 1, 1 << 30), np.zeros(group.max() + 1, np.int64)
+    low = np.full(group.max() + 1, 1 << 30)
+    high = np.zeros(group.max() + 1, np.int64)
     np.minimum.at(low, group, track)
     np.maximum.at(high, group, track)
     repeats = low[group] != high[group]
@@ -100,6 +102,7 @@ def _repeated_share(tracks: Tracks) -> float:
         return 0.0
     from scipy.special import bdtrc  # slow to import
 
-    vehicles, repeating = len(np.unique(track)), len(np.unique(track[repeats]))
+    vehicles = len(np.unique(track))
+    repeating = len(np.unique(track[repeats]))
     by_chance = bdtrc(repeating - 1, vehicles, REPEATED) > CHANCE
     return 0.0 if by_chance else float(repeats.mean())

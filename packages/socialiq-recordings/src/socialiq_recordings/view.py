@@ -18,7 +18,7 @@ from socialiq_recordings.recording import Recording, RoadUser
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.signs_of_simulation import signs_of_simulation
 from socialiq_recordings.world.build import build
-from socialiq_recordings.world.recorded_world import SUB_STEPS, WorldConfig
+from socialiq_recordings.world.config import SUB_STEPS, WorldConfig
 from socialiq_recordings.world.replay import replay
 
 CHUNK = 100  # frames in a part that the page fetches
@@ -35,7 +35,8 @@ class Traffic:
     """
 
     def __init__(self, recording: Recording) -> None:
-        self._recording, self._tracks = recording, recording.tracks
+        self._recording = recording
+        self._tracks = recording.tracks
         if not self._tracks.n_states:
             raise UserError("the recording has no road user: name another")
         self._first = int(self._tracks.frame.min())
@@ -55,7 +56,8 @@ class Traffic:
 
         A row for each road user: track, x, y in m, heading in rad, speed in m/s.
         """
-        of, frames = self._tracks, []
+        of = self._tracks
+        frames = []
         for frame in range(number * CHUNK, min((number + 1) * CHUNK, self.frames)):
             rows = self._order[self._at[frame] : self._at[frame + 1]]
             columns = (of.x, of.y, of.heading, np.hypot(of.vx, of.vy))
@@ -118,7 +120,8 @@ class Traffic:
             replayed = replay(built.world)
         except UserError:
             return []  # no vehicle meets a conflict, or is seen for a whole decision
-        tracks, table = list(built.every[0].ways), replayed.table
+        tracks = list(built.every[0].ways)
+        table = replayed.table
         rewards = np.stack([table.rewards.env, table.rewards.social], axis=1).round(4)
         frame = 1 / (SUB_STEPS * self._tracks.dt)  # of a sub-step
         drivers = []

@@ -24,7 +24,13 @@ class UserError(Exception):
 def one_of(what: str, value: object, allowed: tuple[str, ...] | list[str]) -> None:
     """Raise an error, which lists the known names, for a value that is none of them.
 
-    `what` is the kind of thing that the name denotes, in the user's words ("world", "target kind").
+    Args:
+        what: Kind of thing that the value names, in the user's words ("world", "target kind").
+        value: Value to check. The message shows at most 80 characters of it.
+        allowed: Known names, in the order in which the message lists them.
+
+    Raises:
+        UserError: If the value is not one of the known names.
     """
     if value not in allowed:
         text = str(value)
@@ -36,7 +42,15 @@ def public(value: Any, name: str) -> Any:
     """Return a function, or a class, that fails in one line on an argument of a wrong type.
 
     A class is changed in place: its constructor and its public methods. The constructor of a
-    dataclass without checks of its own also refuses what Python would accept.
+    dataclass without `__post_init__` also refuses values of a wrong type that Python would accept.
+
+    Args:
+        value: Function or class. Enumerations, exceptions and other values are not changed.
+        name: Name of the function or class in error messages. A method's name follows after a dot.
+
+    Returns:
+        The function with the check around it, or the same class or value. What is returned raises
+        `UserError` for an argument of a wrong type.
     """
     if inspect.isfunction(value):
         return _checked(value, name, False)
@@ -89,14 +103,29 @@ def _misfit(function: Callable[..., Any], values: Any, options: Any) -> str:
         arguments = signature.bind(*values, **options).arguments
     except (NameError, TypeError):  # a type that isn't imported; too many arguments, or too few
         return ""
-    for name, value in arguments.items():
-        hint = hints.get(name, Any)  # `self` has none
-        is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-        kinds = typing.get_args(hint) if is_union else (hint,)
-        if not any(_fits(value, kind) for kind in kinds):
-            words = " or ".join(getattr(kind, "__name__", str(kind)) for kind in kinds)
-            return f"{name} is of the type {type(value).__name__}: pass {words}"
-    return ""
+    lines = (misfit(name, value, hints.get(name, Any)) for name, value in arguments.items())
+    return next(filter(None, lines), "")  # `self` has no hint
+
+
+def misfit(name: str, value: Any, hint: Any) -> str:
+    """Return a line on a value that has none of an annotation's types; "" for one that fits.
+
+    Args:
+        name: Name of the argument, for the line.
+        value: Its value.
+        hint: Its annotation.
+    """
+    kinds = kinds_of(hint)
+    if any(_fits(value, kind) for kind in kinds):
+        return ""
+    words = " or ".join(getattr(kind, "__name__", str(kind)) for kind in kinds)
+    return f"{name} is of the type {type(value).__name__}: pass {words}"
+
+
+def kinds_of(hint: Any) -> tuple[Any, ...]:
+    """Return the types of a union, or the one type of another annotation."""
+    is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return typing.get_args(hint) if is_union else (hint,)
 
 
 def _fits(value: Any, kind: Any) -> bool:

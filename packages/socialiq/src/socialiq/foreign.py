@@ -90,7 +90,12 @@ class Later:
 
 
 def failure(source: str, error: BaseException) -> UserError:
-    """Return an exception of foreign code as a `UserError` of one line that names its source."""
+    """Return an exception of foreign code as a `UserError` of one line that names its source.
+
+    Args:
+        source: Name of the code, the first words of the message.
+        error: The exception; its text is cut to one line of 200 characters.
+    """
     return UserError(
         f"{source} raised {type(error).__name__}: {one_line(str(error))}; correct its code"
     )
@@ -116,7 +121,12 @@ def printable(text: str) -> str:
 
 
 def cut(text: str, most: int) -> str:
-    """Return at most so many characters of a text, the last of them "…" if it is longer."""
+    """Return a text of limited length; a text that was longer ends in "…".
+
+    Args:
+        text: The text.
+        most: Largest number of characters of the result.
+    """
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
@@ -130,7 +140,9 @@ _MARKED = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_[]{}<>|&#~$!"})
 def markdown(value: Any, most: int) -> Any:
     """Return a string as one line in which Markdown and HTML find no markup.
 
-    Other values, and `Markdown`, are not changed. `most` counts characters before escaping.
+    Args:
+        value: A string; other values, and `Markdown`, are not changed.
+        most: Largest number of characters of the string before it is escaped.
     """
     if not isinstance(value, str) or isinstance(value, Markdown):
         return value

@@ -1,8 +1,8 @@
-"""Places of outputs: refused if something is there, claimed while they are made.
+"""Places of outputs: an occupied place is refused, and a place is claimed while its output is made.
 
-Two processes with one output can't both succeed with one result lost: the second is refused by
-the first one's claim, and, where they don't see each other's claims (on two machines, say),
-because nothing that has appeared meanwhile is replaced.
+Two processes with one output can't both succeed with one result lost: the second is refused by the
+first one's claim. Where they don't see each other's claims (on two machines, say), no output that
+has appeared meanwhile is replaced.
 """
 
 from __future__ import annotations
@@ -36,9 +36,15 @@ def check_ending(path: Path, *written: str) -> None:
 
 
 def refuse_existing(path: Path, *written: str) -> None:
-    """Refuse an output file that exists, be it a link to nothing, before any work is done.
+    """Refuse an output file that exists, also if it is a broken link, before any work is done.
 
-    Its name may have one of these endings, by default .safetensors, or one of no known format.
+    Args:
+        path: The output file.
+        *written: Endings that its name may have, by default .safetensors. An ending of no known
+            format is accepted too.
+
+    Raises:
+        UserError: If the file exists, has another ending, or can't be written in its folder.
     """
     check_ending(path, *(written or (".safetensors",)))
     if os.path.lexists(path):
@@ -48,7 +54,15 @@ def refuse_existing(path: Path, *written: str) -> None:
 
 
 def check_place(out: Path, option: str) -> None:
-    """Refuse an output that is a root, or the folder that one is in or above."""
+    """Refuse an output that is a root, or the folder that one is in or above.
+
+    Args:
+        out: Path of the output.
+        option: Name of the command's option for the path, for the message.
+
+    Raises:
+        UserError: If the path ends in no name of a file or folder.
+    """
     if out.name in ("", ".", ".."):
         raise UserError(f"{out} is no new place: name another {option}")
 
@@ -57,8 +71,8 @@ def check_place(out: Path, option: str) -> None:
 def claimed(out: Path) -> Iterator[None]:
     """Keep other commands from an output while this one makes it.
 
-    The claim is a locked file in the user's cache, so that a killed process leaves nothing beside
-    its output. The system releases the lock of a process that dies: no claim outlives it.
+    The claim is a locked file in the user's cache, so a killed process leaves no file next to its
+    output. The system releases the lock of a process that dies: no claim outlives it.
     """
     check_place(out, "--out")
     try:
@@ -83,10 +97,15 @@ def claimed(out: Path) -> Iterator[None]:
 
 
 def move_file(temporary: Path, path: Path, replace: bool) -> None:
-    """Move a finished file from beside its place into it.
+    """Move a finished file from its temporary name in the same folder to its place.
+
+    Args:
+        temporary: The finished file.
+        path: Its place.
+        replace: Whether a file in that place is replaced.
 
     Raises:
-        FileExistsError: If something is there that is not to be replaced.
+        FileExistsError: If the place is taken and its file is not to be replaced.
         OSError: If the move fails.
     """
     if replace:
@@ -115,7 +134,7 @@ def new_folder(path: Path) -> Path:
 
 @contextlib.contextmanager
 def all_or_none(folder: Path) -> Iterator[None]:
-    """Remove what a block that fails has added to a folder, and the folder if nothing is left."""
+    """Remove what a block that fails has added to a folder, and the folder if it is then empty."""
     before = {*folder.iterdir()}
     try:
         yield
@@ -140,7 +159,16 @@ def part_beside(folder: Path) -> Path:
 def whole_folder(folder: Path, replace: bool = False) -> Iterator[Path]:
     """Give a temporary folder to fill; it becomes `folder` on success, else it is removed.
 
-    Without `replace` a folder with content, even one that appears meanwhile, stays as it is.
+    Args:
+        folder: The output folder; the folder above it must exist.
+        replace: Whether a folder with content is replaced. If not, even one that appears meanwhile
+            stays as it is.
+
+    Yields:
+        The temporary folder, which lies in the same folder as the output.
+
+    Raises:
+        UserError: If the folder can't be made, or exists and may not be replaced.
     """
     temporary = part_beside(folder)
     try:
@@ -175,9 +203,16 @@ def check_output_folder(folder: Path, replace: bool | None = None) -> bool:
 
 
 def swap_folder(temporary: Path, folder: Path, replace: bool = True) -> None:
-    """Move a finished folder from beside its place into it.
+    """Move a finished folder from its temporary name in the same place to its final name.
 
-    The old folder is removed last, and restored on failure; without `replace` it stays.
+    Args:
+        temporary: The finished folder.
+        folder: Its final path.
+        replace: Whether a folder with content is replaced. The old folder is removed last, and
+            restored on failure.
+
+    Raises:
+        UserError: If the move fails, or the folder has content and may not be replaced.
     """
     old = temporary.with_name(f"{temporary.name}.old")
     try:

@@ -56,7 +56,15 @@ def path_of(path: object) -> Path:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Read a regular file of at most `most` bytes; `UserError` if it is none or can't be read."""
+    """Read a regular file of limited size.
+
+    Args:
+        path: The file.
+        most: Largest number of bytes.
+
+    Raises:
+        UserError: If it is not a regular file, is larger, or can't be read.
+    """
     with open_file(path) as file:
         # Not more than the file's size: the buffer is allocated at once.
         content = file.read(min(path.stat().st_size, most) + 1)
@@ -66,7 +74,15 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_text(path: Path, most: int) -> str:
-    """Read a file of UTF-8 text, as `read_bytes`."""
+    """Read a file of UTF-8 text.
+
+    Args:
+        path: The file.
+        most: Largest number of bytes.
+
+    Raises:
+        UserError: If it is not UTF-8 text, or as `read_bytes`.
+    """
     try:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:

@@ -48,7 +48,15 @@ class Results:
         summary: dict[str, Any],
         files: Mapping[str, bytes] | None = None,
     ) -> Results:
-        """Round numbers, leave out empty tables, make the configuration plain, note versions."""
+        """Round numbers, leave out empty tables, make the configuration plain, note versions.
+
+        Args:
+            study: Name of the study.
+            config: Its resolved configuration, a dataclass or other values with a JSON form.
+            tables: Rows by table name.
+            summary: Values that the claims ledger refers to.
+            files: Content of other files by path; none by default.
+        """
         plain = {name: rounded(rows) for name, rows in tables.items() if rows}
         values = to_json(config), plain, rounded(summary), versions()
         return Results(study, *values, dict(files or {}))
@@ -60,7 +68,17 @@ def versions() -> dict[str, str]:
 
 
 def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace: bool) -> None:
-    """Write a results folder whole, with PNG pictures by name, or leave the existing one."""
+    """Write a results folder whole, with PNG pictures by name, or leave the existing one.
+
+    Args:
+        results: The results.
+        folder: Folder to write.
+        pictures: PNG files by name, without .png.
+        replace: Whether an existing results folder is replaced.
+
+    Raises:
+        UserError: As `check_target`, or if a file can't be written.
+    """
     check_target(folder, replace)
     with whole_folder(folder, replace) as part:
         head = {"study": results.study, "versions": results.versions, "config": results.config}
@@ -76,7 +94,16 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
 
 
 def check_target(folder: Path, replace: bool) -> None:
-    """Refuse an output folder before any work is done, and content that is no results folder."""
+    """Refuse an output folder before any work is done.
+
+    Args:
+        folder: Folder to write.
+        replace: Whether an existing results folder may be replaced.
+
+    Raises:
+        UserError: If it has content and may not be replaced, has content that is no results folder,
+            or can't be made.
+    """
     if check_output_folder(folder, replace) and not (folder / "summary.json").is_file():
         raise UserError(f"{folder} is not a results folder: it is not replaced; name another")
 

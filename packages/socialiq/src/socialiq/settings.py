@@ -22,7 +22,19 @@ ConfigType = TypeVar("ConfigType")
 
 
 def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
-    """Return a frozen dataclass with other values by field; a mapping changes one below."""
+    """Return a frozen dataclass with other values by field.
+
+    Args:
+        config: The dataclass.
+        values: Values by name of the field, of the field's type or as text. A field of a dataclass
+            below is named with a dot, or by a mapping in its place.
+
+    Returns:
+        A new dataclass; every field that is not named keeps its value.
+
+    Raises:
+        UserError: If a name is not a field, or a value doesn't fit the field's type.
+    """
     current: Any = config
     try:
         kinds = typing.get_type_hints(type(current))
@@ -44,7 +56,7 @@ def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
         elif below:
             raise UserError(f"there is no setting {name}: {first} has no settings of its own")
         else:
-            changes[first] = _typed(value, kinds.get(first, type(before)), first)
+            changes[first] = typed(value, kinds.get(first, type(before)), first)
     return dataclasses.replace(current, **changes)
 
 
@@ -110,19 +122,20 @@ def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _typed(value: Any, kind: Any, name: str) -> Any:
+def typed(value: Any, kind: Any, name: str) -> Any:
     """Return a value with the type of its field."""
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    origin = typing.get_origin(kind)
+    arguments = typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         if value is None or str(value).lower() == "none":
             return None
-        return _typed(value, next(kind for kind in arguments if kind is not type(None)), name)
+        return typed(value, next(kind for kind in arguments if kind is not type(None)), name)
     if origin is tuple:
         items = _items(value, name)
         kinds = [arguments[0]] * len(items) if arguments[1:] == (...,) else arguments
         if len(items) != len(kinds):
             raise UserError(f"{name} takes {len(kinds)} values, got {len(items)}")
-        return tuple(_typed(item, kind, name) for item, kind in zip(items, kinds, strict=True))
+        return tuple(typed(item, kind, name) for item, kind in zip(items, kinds, strict=True))
     if origin is typing.Literal:
         one_of(name, value, arguments)
         return value

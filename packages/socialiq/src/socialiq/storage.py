@@ -38,7 +38,10 @@ def write_atomically(path: Path, content: bytes | str, replace: bool = True) -> 
     Args:
         path: The file; its folder must exist.
         content: Its content.
-        replace: Whether a file there is replaced. If not, one that appears meanwhile stays.
+        replace: Whether an existing file is replaced. If not, one that appears meanwhile stays.
+
+    Raises:
+        UserError: If the file can't be written, or exists and may not be replaced.
     """
     data = content.encode() if isinstance(content, str) else content
     try:
@@ -63,18 +66,35 @@ def write_atomically(path: Path, content: bytes | str, replace: bool = True) -> 
 
 
 def remove_cut_off_writes(folder: Path) -> None:
-    """Remove what killed processes had written of files; no other process may write there now."""
+    """Remove unfinished files of killed processes; no process may write in the folder meanwhile."""
     for path in folder.rglob(f".*{_CUT_OFF}"):
         path.unlink()
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write one JSON document, indented, keys in the order given, ended by a newline."""
+    """Write one JSON document, indented, keys in the order given, ended by a newline.
+
+    Args:
+        path: The file; its folder must exist, and a file of that name is replaced.
+        content: JSON-compatible content, with finite numbers only.
+
+    Raises:
+        UserError: If the file can't be written.
+        ValueError: If a number is not finite.
+    """
     write_atomically(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def read_json(path: Path, most: int = _MOST_JSON) -> Any:
-    """Read one JSON document; `UserError` if the file is missing, larger or not JSON."""
+    """Read one JSON document.
+
+    Args:
+        path: The file.
+        most: Largest number of bytes.
+
+    Raises:
+        UserError: If the file is missing, larger or not JSON.
+    """
     try:
         return json.loads(read_bytes(path, most))
     except (ValueError, RecursionError) as error:
@@ -92,7 +112,15 @@ def open_csv(path: Path) -> Iterator[TextIO]:
 
 
 def content_hash(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> str:
-    """Return the SHA-256 over a header and named arrays: names, types, shapes and bytes."""
+    """Return the SHA-256 over a header and named arrays: names, types, shapes and bytes.
+
+    Args:
+        arrays: Arrays by name; their order doesn't matter.
+        header: JSON-compatible content; the order of its keys doesn't matter.
+
+    Returns:
+        64 hexadecimal digits.
+    """
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
         array = np.asarray(arrays[name], order="C")
@@ -133,7 +161,14 @@ def save_arrays(
 def sha256_of(
     kind: str, version: int, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
 ) -> str:
-    """Return the SHA-256 that `save_arrays` would return, without a file."""
+    """Return the SHA-256 that `save_arrays` would return, without a file.
+
+    Args:
+        kind: Kind of content.
+        version: Schema version of that kind.
+        arrays: Named arrays, any shapes.
+        header: Further JSON-compatible content.
+    """
     return content_hash(*_as_read(kind, version, arrays, header))
 
 
@@ -149,15 +184,23 @@ def _as_read(
     return contiguous, full
 
 
+def is_file(path: str | Path) -> bool:
+    """Whether a path is that of a file (`shipped`); a text that can be no path is none."""
+    try:
+        return shipped(Path(path)).is_file()
+    except (OSError, ValueError):  # too long, or with a zero byte
+        return False
+
+
 def kind_of(path: Path) -> str:
     """Return the kind in the header of a file of `save_arrays`; "" if there is none.
 
     The file is not checked; `load_arrays` does that and reports errors.
     """
-    if not path.is_file():  # reading a pipe would block
+    if not is_file(path):  # reading a pipe would block
         return ""
     try:
-        with safetensors.safe_open(path, framework="numpy") as file:
+        with safetensors.safe_open(shipped(path), framework="numpy") as file:
             wrapper = json.loads((file.metadata() or {}).get(_HEADER, "null"))
         kind = wrapper["header"]["kind"]
     except (*_UNREADABLE, KeyError, TypeError):

@@ -51,8 +51,15 @@ class RewardPair(NamedTuple):
     def of_step(reward: Any, info: Mapping[str, Any]) -> RewardPair:
         """Return the pair of a Gymnasium step, `info["reward_pair"]`.
 
-        Without it a vector reward, as MO-Gymnasium's, is the pair; and of a scalar one the reward
-        is r_env, and r_social is 0. Anything but a pair of finite numbers is refused.
+        Without it a vector reward, as MO-Gymnasium's, is the pair. A scalar reward is r_env, with
+        r_social 0.
+
+        Args:
+            reward: Reward of the step, a number or a vector.
+            info: Info of the step.
+
+        Raises:
+            UserError: If the pair is not two finite numbers.
         """
         if "reward_pair" not in info and np.ndim(reward):
             if np.size(reward) != 2:
@@ -65,7 +72,15 @@ class RewardPair(NamedTuple):
 
     @staticmethod
     def of(numbers: Any, what: str) -> RewardPair:
-        """Return a pair of scalars from a sequence of two finite numbers; `what` names it."""
+        """Return a pair of scalars from a sequence of two finite numbers.
+
+        Args:
+            numbers: The sequence (r_env, r_social).
+            what: Name of the sequence in the error message.
+
+        Raises:
+            UserError: If it is not a sequence of two finite numbers.
+        """
         try:
             pair = tuple(map(float, numbers))
         except (TypeError, ValueError):
@@ -92,7 +107,20 @@ class Ending(enum.IntEnum):
 
     @staticmethod
     def of_step(terminated: bool, truncated: bool, info: Mapping[str, Any]) -> Ending:
-        """Return the ending of a Gymnasium step, of a terminal state by `info["ending"]`."""
+        """Return the ending of a Gymnasium step.
+
+        Args:
+            terminated: Whether the step reached a terminal state.
+            truncated: Whether the time limit ended the episode.
+            info: Info of the step. `info["ending"]` names the kind of a terminal state, "other" by
+                default.
+
+        Returns:
+            The kind of the terminal state, `TIMEOUT` for a truncation alone, else `NONE`.
+
+        Raises:
+            UserError: If `info["ending"]` of a terminal state is not the name of one of `TERMINAL`.
+        """
         if terminated:
             name = str(info.get("ending", "other")).lower()
             one_of('info["ending"]', name, [Ending(kind).name.lower() for kind in TERMINAL])
@@ -115,7 +143,19 @@ class Policy(Protocol):
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions for one observation, shape (features,), or a batch (batch, features)."""
+        """Choose actions for one observation or for a batch.
+
+        Args:
+            observation: Shape (features,) or (batch, features).
+            state: Memory of the policy, as the last call returned it; None at the beginning.
+            episode_start: Whether an episode begins with the observation, one value for each row;
+                None if no row begins an episode.
+            deterministic: Whether to take the best action; else a policy that can draw actions
+                draws one.
+
+        Returns:
+            The actions, and the memory for the next call.
+        """
         ...
 
 
@@ -144,7 +184,12 @@ class Memoryless(abc.ABC):
 
     @abc.abstractmethod
     def choose(self, observation: Any, deterministic: bool, /) -> Any:
-        """Return the action for one observation, or the actions for a batch."""
+        """Return the action for one observation, or the actions for a batch.
+
+        Args:
+            observation: Shape (features,) or (batch, features).
+            deterministic: Whether to take the best action; else one is drawn, where a policy draws.
+        """
 
 
 class Step(NamedTuple):
@@ -175,11 +220,20 @@ class _Stepped(Protocol):
         ...
 
     def reset(self, key: Any) -> tuple[Any, Any]:
-        """Start an episode: (episode state, observation)."""
+        """Start an episode; return the episode state and the first observation."""
         ...
 
     def advance(self, key: Any, episode: Any, action: Any) -> tuple[Any, Step]:
-        """Take one step: (next episode state, result)."""
+        """Take one step.
+
+        Args:
+            key: Random key of JAX.
+            episode: Episode state, of `reset` or of the last step.
+            action: A discrete action, or continuous ones of shape (size,).
+
+        Returns:
+            The next episode state, and the result of the step.
+        """
         ...
 
 
@@ -250,7 +304,12 @@ class Transitions(Protocol):
         ...
 
     def returns(self, kind: str, discount: float) -> RewardPair:
-        """Return the pair of cumulative returns of a kind of `social.returns.TARGET_KINDS`."""
+        """Return the pair of cumulative returns.
+
+        Args:
+            kind: Kind of returns, one of `social.returns.TARGET_KINDS`.
+            discount: Discount factor of one step.
+        """
         ...
 
 

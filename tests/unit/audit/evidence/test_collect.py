@@ -17,9 +17,8 @@ from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
 
 SEEDS = episode_seeds(3, 40)
@@ -37,18 +36,20 @@ def test_everybody_drives_the_same_episodes(found):
     assert [one.name for one in found.references] == ["go", "wait", "idm", "gap_2s"]
     for one in (*found.references, found.policy):
         rule = "gap_3s" if one.name == "policy" else one.name
-        alone = episodes_of(Batch(Options(), 7), policy(rule), SEEDS)
+        alone = episodes_of(Intersection().batch(7), policy(rule), SEEDS)
         np.testing.assert_array_equal(one.totals, np.stack(alone.totals, axis=1))
-        np.testing.assert_array_equal(one.ending, alone.ending)
-        np.testing.assert_array_equal(one.contact, alone.contact)
-        np.testing.assert_array_equal(one.length, alone.length)
+        np.testing.assert_array_equal(one.episodes.ending, alone.ending)
+        np.testing.assert_array_equal(one.episodes.contact, alone.contact)
+        np.testing.assert_array_equal(one.episodes.length, alone.length)
     assert found.references[-1].angles == (30.0,) and found.references[0].angles == ()
 
 
 def test_collisions_are_either_the_egos_or_not(found):
     go = found.references[0]
-    assert go.at_fault.any() and not (go.at_fault & go.struck).any()
-    np.testing.assert_array_equal(go.at_fault | go.struck, go.ending == Ending.COLLISION)
+    assert go.episodes.at_fault.any() and not (go.episodes.at_fault & go.episodes.struck).any()
+    np.testing.assert_array_equal(
+        go.episodes.at_fault | go.episodes.struck, go.episodes.ending == Ending.COLLISION
+    )
 
 
 def test_strata_do_not_depend_on_the_driver_or_the_batch(found, declared, monkeypatch):
@@ -118,7 +119,7 @@ def test_what_can_not_be_drawn_is_refused(seed, episodes):
 
 def test_a_policy_that_is_good_on_the_default_seeds_only_is_seen(declared):
     """It recognises episodes 0, 1, 2, ... by their first observation, and rams on elsewhere."""
-    known = {row.tobytes() for row in Batch(Options(), 64).reset(0)}
+    known = {row.tobytes() for row in Intersection().batch(64).reset(0)}
 
     class Tuned:
         def predict(self, observation, state=None, episode_start=None, deterministic=True):

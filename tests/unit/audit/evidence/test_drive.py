@@ -10,8 +10,9 @@ from socialiq.audit.seeds import episode_seeds
 from socialiq.errors import UserError
 from socialiq.evaluation.effects import expected_delay, measure
 from socialiq.types import Ending
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 from socialiq.worlds.world import ConstantPolicy
 
 
@@ -52,14 +53,17 @@ def test_the_5x5_experts_by_hand(table5):
     prosocial = drive(table5.world, expert(table5, 45.0), SEEDS[:20])
     assert egoist.totals.tolist() == [[6.0, -4.0]] * 20
     assert prosocial.totals.tolist() == [[5.0, 6.0]] * 20
-    assert egoist.length.tolist() == [4] * 20 and prosocial.length.tolist() == [5] * 20
-    assert (prosocial.ending == Ending.ARRIVAL).all()
+    assert (
+        egoist.episodes.length.tolist() == [4] * 20
+        and prosocial.episodes.length.tolist() == [5] * 20
+    )
+    assert prosocial.episodes.arrival.all()
 
 
 def test_waiting_for_ever_runs_out_of_time(table5):
     waits = drive(table5.world, Constant(0), SEEDS[:20])
-    assert waits.ending.tolist() == [Ending.TIMEOUT] * 20
-    assert waits.length.tolist() == [table5.world.horizon] * 20
+    assert waits.episodes.ending.tolist() == [Ending.TIMEOUT] * 20
+    assert waits.episodes.length.tolist() == [table5.world.horizon] * 20
     assert waits.totals[:, 0].tolist() == [-20.0] * 20
 
 
@@ -134,9 +138,9 @@ class Standing:
 def test_a_gridworld_has_the_first_and_the_last_action_and_random_ones(in_grid):
     assert [one.name for one in in_grid] == ["trivial_STOP", "trivial_FAST", RANDOM]
     stop, fast, random = in_grid
-    assert (stop.ending == Ending.TIMEOUT).all()
-    assert (fast.length == 3).all()  # six cells, two a step
-    assert len(set(random.length.tolist())) > 3
+    assert stop.episodes.timeout.all()
+    assert (fast.episodes.length == 3).all()  # six cells, two a step
+    assert len(set(random.episodes.length.tolist())) > 3
 
 
 def test_the_first_action_drives_as_a_policy_that_chooses_it(declared):
@@ -174,14 +178,14 @@ def test_measuring_effects_changes_no_bit_of_the_episodes(name):
     plain = Course(world, seeds).drive(driver)
     course = Course(world, seeds, side_by_side=16, measured=EFFECTS)
     found = course.drive(driver)
-    assert found.drove_as(plain) and not plain.beside
+    assert found.drove_as(plain) and not plain.measured
     assert found.totals.tobytes() == plain.totals.tobytes()
     effects = measure(make("intersection-caused"), driver.policy, seeds)
     for column, expected in zip(
-        EFFECTS, (effects.delay.sum(axis=1), effects.braking, effects.gap < 1.0), strict=True
+        EFFECTS, (effects.delay, effects.braking, effects.gap < 1.0), strict=True
     ):
-        assert found.beside[column].tolist() == expected.tolist()
-    assert list(Course(world, seeds, measured=("braking",)).drive(driver).beside) == ["braking"]
+        assert found.episodes[column].tolist() == expected.tolist()
+    assert Course(world, seeds, measured=("braking",)).drive(driver).measured == ("braking",)
     if name.endswith("caused"):  # the same episodes as those that give the rewards
         assert effects.totals.social == pytest.approx(found.totals[:, 1])
 
@@ -191,9 +195,9 @@ def test_the_delay_of_a_gridworld_is_exact_on_average(world7):
     table, slow = tabulate(world7), 1
     chances = np.eye(3)[np.full((world7.horizon, len(world7.states())), slow)]
     course = Course(world7, SEEDS, measured=("delay",))
-    found = course.drive(Reference("slow", ConstantPolicy(slow))).beside["delay"]
+    found = course.drive(Reference("slow", ConstantPolicy(slow))).episodes["delay"]
     error = found.std() / len(found) ** 0.5
     assert error > 0
     assert abs(found.mean() - expected_delay(table, chances)) <= 4 * error
     optimum = exact_optima(course)[0]
-    assert optimum.beside["delay"].shape == (len(SEEDS),)
+    assert optimum.episodes["delay"].shape == (len(SEEDS),)

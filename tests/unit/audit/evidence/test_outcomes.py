@@ -11,8 +11,8 @@ def test_contacts_are_told_apart(outcomes):
     kinds = [Ending.COLLISION, Ending.COLLISION, Ending.COLLISION, Ending.ARRIVAL]
     made = outcomes("driver", np.zeros((4, 2)), kinds, [0, 1, 2, 2])
     # A collision without blame counts as the ego's.
-    assert made.at_fault.tolist() == [True, True, False, False]
-    assert made.struck.tolist() == [False, False, True, False]
+    assert made.episodes.at_fault.tolist() == [True, True, False, False]
+    assert made.episodes.struck.tolist() == [False, False, True, False]
 
 
 def test_gains_are_the_references_less_the_policys(outcomes, evidence):

@@ -72,8 +72,8 @@ def test_it_is_the_episode_of_the_evidence(at_intersection):
     for place, seed in enumerate(evidence.seeds[:8].tolist()):
         played = again(seed)
         totals = RewardPair(*evidence.policy.totals[place].tolist())
-        assert played.repeats(int(evidence.policy.length[place]), totals)
-        assert not played.repeats(int(evidence.policy.length[place]) + 1, totals)
+        assert played.repeats(int(evidence.policy.episodes.length[place]), totals)
+        assert not played.repeats(int(evidence.policy.episodes.length[place]) + 1, totals)
         assert played.trace.actions == "2" * played.decisions
         assert not played.repeats(played.decisions, RewardPair(totals.env, totals.social + 0.1))
 
@@ -87,7 +87,7 @@ def test_an_episode_on_a_road_of_highway_env_is_that_of_the_evidence(road):
     for place, seed in enumerate(evidence.seeds.tolist()):
         played = again(seed)
         totals = RewardPair(*evidence.policy.totals[place].tolist())
-        assert played.repeats(int(evidence.policy.length[place]), totals)
+        assert played.repeats(int(evidence.policy.episodes.length[place]), totals)
         assert played.trace.actions == ("34" * played.decisions)[: played.decisions]
         assert re.search(ACTIONS, played.trace.actions)
         assert played.trace.tracks[0].ego
@@ -95,7 +95,7 @@ def test_an_episode_on_a_road_of_highway_env_is_that_of_the_evidence(road):
 
 def test_the_ego_comes_from_the_south_and_collides_where_it_did(at_intersection):
     world, evidence = at_intersection
-    struck = int(np.flatnonzero(evidence.policy.contact == Contact.EGO_STRUCK)[0])
+    struck = int(np.flatnonzero(evidence.policy.episodes.contact == Contact.EGO_STRUCK)[0])
     trace = replayer(world, rule("go"))(int(evidence.seeds[struck])).trace
     ego, *others = trace.tracks
     assert trace.per_second == PER_SECOND
@@ -121,7 +121,7 @@ def test_a_gridworld_step_by_step(declared):
     found = collect_evidence(world, Driving(1), episode_seeds(3, 20))
     played = replayer(world, Driving(1))(int(found.seeds[0]))
     totals = RewardPair(*found.policy.totals[0].tolist())
-    assert played.repeats(int(found.policy.length[0]), totals)
+    assert played.repeats(int(found.policy.episodes.length[0]), totals)
     ego, *others = played.trace.tracks
     assert points(ego) == [(float(step), 3.0, 0.0) for step in range(7)]
     assert played.trace.per_second == GRID_PER_SECOND and others
@@ -135,7 +135,7 @@ def test_a_policy_that_answers_otherwise_gives_another_episode(at_intersection):
     world, evidence = at_intersection
     played = replayer(world, rule("wait"))(int(evidence.seeds[0]))
     totals = RewardPair(*evidence.policy.totals[0].tolist())
-    assert not played.repeats(int(evidence.policy.length[0]), totals)
+    assert not played.repeats(int(evidence.policy.episodes.length[0]), totals)
 
 
 def test_a_film_shows_the_episode_of_its_seed():

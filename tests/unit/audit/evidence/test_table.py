@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import COLUMNS, Evidence
 from socialiq.audit.evidence.table import (
     ReferenceAttributes,
     kind_of_ending,
@@ -38,7 +38,7 @@ def attributes(evidence):
 
 
 def read(evidence, content):
-    trivial, beside = [one.name for one in evidence.trivial], list(evidence.policy.beside)
+    trivial, beside = [one.name for one in evidence.trivial], evidence.policy.measured
     described = evidence.scenario, evidence.policy.name, attributes(evidence), trivial
     return read_table(content, *described, beside)
 
@@ -52,12 +52,10 @@ def assert_equal(one, other):
     pairs = zip(one.drivers, other.drivers, strict=True)
     for left, right in pairs:
         assert (left.name, left.angles, left.expected) == (right.name, right.angles, right.expected)
-        for column in ("totals", "ending", "contact", "length"):
-            a, b = getattr(left, column), getattr(right, column)
+        assert left.measured == right.measured
+        for column in (*COLUMNS, *left.measured):
+            a, b = left.episodes[column], right.episodes[column]
             assert a.tobytes() == b.tobytes() and a.dtype == b.dtype, (left.name, column)
-        assert left.beside.keys() == right.beside.keys()
-        for column, values in left.beside.items():
-            assert values.tobytes() == right.beside[column].tobytes()
 
 
 def test_everything_reads_back_to_the_bit(made):
@@ -99,12 +97,11 @@ def audited_evidence():
     ),
     st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1),
 )
-def test_any_numbers_and_any_name_read_back(rows, name):
+def test_any_numbers_and_any_name_read_back(outcomes, rows, name):
     numbers = np.array([row[:4] for row in rows])
-    ending, contact = np.full(len(rows), Ending.ARRIVAL, np.int8), np.zeros(len(rows), np.int8)
     length = np.arange(len(rows))
     drivers = [
-        Outcomes(title, numbers[:, at], ending, contact, length)
+        outcomes(title, numbers[:, at]).with_columns(length=length)
         for title, at in (("policy", slice(0, 2)), (f"a {name}", slice(2, 4)))
     ]
     seeds = np.array([row[4] for row in rows])
@@ -122,7 +119,9 @@ def test_a_contact_without_a_collision_is_not_kept(outcomes, evidence):
     policy = outcomes("policy", [[0, 0]], [Ending.ARRIVAL], [Contact.EGO_STRUCK])
     found = evidence(policy, outcomes("other", [[0, 0]]))
     assert kind_of_ending(policy, 0) == "arrival"
-    assert read(found, write_table(found).encode()).policy.contact.tolist() == [Contact.NONE]
+    assert read(found, write_table(found).encode()).policy.episodes.contact.tolist() == [
+        Contact.NONE
+    ]
 
 
 @pytest.mark.parametrize(

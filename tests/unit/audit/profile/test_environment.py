@@ -86,21 +86,23 @@ def test_what_everybody_earned_is_summed(world):
     starts = [world.env.reset(seed=seed % 2**31)[0][0] for seed in SEEDS.tolist()]
     assert went.totals.tolist() == [[3 * (1 + start), 0.0] for start in starts]
     assert len(set(starts)) > 1
-    assert went.length.tolist() == [3, 3, 3] and set(went.ending) == {Ending.ARRIVAL}
-    assert went.angles == (45.0,) and not went.at_fault.any()
+    assert went.episodes.length.tolist() == [3, 3, 3] and set(went.episodes.ending) == {
+        Ending.ARRIVAL
+    }
+    assert went.angles == (45.0,) and not went.episodes.at_fault.any()
     struck = Course(world, SEEDS).drive(Reference("strikes", Policy(1)))
-    assert struck.at_fault.all() and not struck.struck.any()
-    assert struck.length.tolist() == [1, 1, 1] and (struck.totals[:, 1] == -1).all()
+    assert struck.episodes.at_fault.all() and not struck.episodes.struck.any()
+    assert struck.episodes.length.tolist() == [1, 1, 1] and (struck.totals[:, 1] == -1).all()
 
 
 def test_a_soft_policy_draws_by_the_episode(world):
     coin = Reference("coin", Coin())
-    assert Course(world, SEEDS).drive(coin).length.tolist() == [3, 3, 3]
+    assert Course(world, SEEDS).drive(coin).episodes.length.tolist() == [3, 3, 3]
     seeds = np.arange(40)
     drawn = Course(world, seeds).drive(coin, deterministic=False)
     again = Course(world, seeds[::-1].copy()).drive(coin, deterministic=False)
-    assert drawn.length.tolist() == again.length[::-1].tolist()
-    assert set(drawn.length.tolist()) == {1, 2, 3}
+    assert drawn.episodes.length.tolist() == again.episodes.length[::-1].tolist()
+    assert set(drawn.episodes.length.tolist()) == {1, 2, 3}
 
 
 def test_evidence_needs_a_driver_to_compare_with(world):
@@ -172,7 +174,7 @@ def test_options_are_plain(name, day, given):
 
 
 def test_built_in_worlds_go_by_their_own_name(day):
-    with pytest.raises(UserError, match="unknown world 'socialiq/Crossing7-v1'"):
+    with pytest.raises(UserError, match="is the id of an environment: declare the world crossing7"):
         declared("socialiq/Crossing7-v1", day)
 
 

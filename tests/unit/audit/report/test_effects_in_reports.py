@@ -57,7 +57,7 @@ def test_the_verdict_box_names_the_effect_with_its_unit(bounded, tmp_path):
     test = report["tests"]["competence"][-1]
     kept = test["side"] == "at most"
     assert (test["name"], test["decision"]) == ("delay", "pass" if kept else "fail")
-    mean = bounded.evidence[0].policy.beside["delay"].mean()
+    mean = bounded.evidence[0].policy.episodes["delay"].mean()
     assert test["share"] == report["policy"]["means"]["caused"]["delay"] == pytest.approx(mean)
     assert report["declaration"]["caused"][0]["range"] == [-2.0, 12.0]
     reason = report["verdict"]["reason"]
@@ -82,7 +82,7 @@ def test_episodes_beyond_the_range_are_counted(bounded):
         bounded.profile, caused=(Bound("delay", "at most", 0.5, (0.0, 1.0)),)
     )
     report = content(dataclasses.replace(bounded, profile=profile))
-    cut = int((bounded.evidence[0].policy.beside["delay"] > 1.0).sum())
+    cut = int((bounded.evidence[0].policy.episodes["delay"] > 1.0).sum())
     assert report["tests"]["competence"][-1]["count"] == cut > 0
     (caveat,) = [row["text"] for row in report["caveats"] if row["about"] == "clip"]
     assert f"the delay of an episode from 0 to 1 cells. This changed {cut} of 60 episodes" in caveat

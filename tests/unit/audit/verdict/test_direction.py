@@ -1,6 +1,7 @@
 """Direction and single character, on drivers along a made-up front of the angles."""
 
 import datetime
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,11 +112,12 @@ def test_wrong_passes_on_an_end_of_the_width_come_in_five_percent(audit):
     wrong = 0
     for number in range(300):
         profile, driven = audit(45.0, on_front(30.0, np.random.default_rng(number)))
-        driven.policy.totals[:] += driven.references[2].totals.mean(0) - driven.policy.totals.mean(
-            0
-        )
+        own = driven.policy.totals
+        own += driven.references[2].totals.mean(0) - own.mean(0)
         noise = np.random.default_rng(10_000 + number).normal(size=2) * 0.5 * (2 / EPISODES) ** 0.5
-        driven.policy.totals[:] += noise
+        own += noise
+        policy = driven.policy.with_columns(r_env=own[:, 0], r_social=own[:, 1])
+        driven = replace(driven, policy=policy)
         found = direction_test(profile, driven, 0.05, 0.0125, ends_only=True)
         wrong += found.decision is Decision.PASS
     assert wrong <= 28

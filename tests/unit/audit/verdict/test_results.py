@@ -13,7 +13,7 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.results import discriminate, stratified
 from socialiq.audit.verdict.verdict import conclude, dependence, judge
 from socialiq.types import Ending
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 class Always:

@@ -65,6 +65,21 @@ def test_traffic_of_the_worlds(declared):
         other_traffic(declared("crossing5"))
 
 
+@pytest.mark.parametrize("name", ["intersection", "merge"])
+def test_shifts_of_a_road_are_other_traffic(declared, name):
+    late, unseen = other_traffic(declared(name), ["late", "unseen=.3"])
+    assert late.options == {"shift": "late"} and unseen.name == "the shift unseen=.3"
+    assert late.world.description != unseen.world.description
+    simulator = late.world.batch(1)
+    simulator.reset([3])
+    assert np.shape(simulator.observation) == (1, late.world.n_features)
+
+
+def test_a_gridworld_has_no_shifts(declared):
+    with pytest.raises(UserError, match="crossing7 is no road"):
+        other_traffic(declared("crossing7"), ["late"])
+
+
 def test_what_the_declaration_would_say_there(declared, outcomes, evidence):
     floor = Floor(max_at_fault=0.2, max_struck=1.0, min_arrival=0.0, max_timeout=1.0)
     profile = declared(

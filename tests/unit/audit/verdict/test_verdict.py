@@ -13,7 +13,7 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import judge
 from socialiq.errors import UserError
 from socialiq.to_json import to_json
-from socialiq.worlds.enumerate import TabularPolicy, expert_policy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 class Waits:

@@ -6,8 +6,8 @@ import json
 import numpy as np
 
 from socialiq.page.webassembly.layout import layout
-from socialiq.worlds.highway.options import SETTINGS, SIGNALS, Buffers
-from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of
+from socialiq.worlds.highway.options import SETTINGS, SIGNALS, VEHICLE, Buffers
+from socialiq.worlds.intersection.options import Options, buffers_of
 
 
 def test_it_is_json_and_names_every_buffer_first():

@@ -8,8 +8,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.core import effects as core
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.effects import BEGIN, REPEAT, SIGNALS, EffectOptions
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import open_world
 
 SLOW = [pytest.param(road, marks=pytest.mark.slow) for road in ("merge", "roundabout")]
@@ -125,7 +124,7 @@ def test_crude_drivers_cost_others_much(action):
 @pytest.mark.two_cores
 def test_results_depend_on_neither_threads_nor_the_batch():
     alone = started("intersection", 1)
-    together = Batch(Options(), 5, threads=2, effects=EffectOptions())
+    together = Intersection(effects=EffectOptions()).batch(5, threads=2)
     together.reset(seeds=np.arange(7_000_000, 7_000_005))
     sums, others = driven(alone, constant(alone, 2)), driven(together, constant(together, 2))
     np.testing.assert_array_equal(sums[0][0], others[0][0])
@@ -164,7 +163,7 @@ def test_a_world_without_effects_has_no_ledger():
     ("options", "message"),
     [
         ({"horizon": 10.0}, "horizon must be at least the duration of an episode, 20 s"),
-        ({"horizon": "long"}, "horizon of intersection-caused is a text"),
+        ({"horizon": "long"}, "horizon of intersection is a text"),
         ({"tow_after": -1.0}, "tow_after must be a number of seconds"),
         ({"after_timeout": "flies"}, "after_timeout"),
         ({"delay_weight": float("nan")}, "delay_weight must be a finite number"),
@@ -177,7 +176,7 @@ def test_bad_options_are_named(options, message):
 
 def test_highway_env_has_no_episode_without_its_ego():
     with pytest.raises(UserError, match="highway-env can't drive without its ego"):
-        Batch(Options(), 1, back_end="highway_env", effects=EffectOptions())
+        Intersection(effects=EffectOptions()).batch(1, back_end="highway_env")
 
 
 def test_predicted_gaps_by_hand():

@@ -16,10 +16,10 @@ from socialiq.worlds.highway.scenes import (
     FASTER,
     IDLE,
     SCENES,
-    Road,
     Scene,
     _roundabout_roads,
     entry,
+    road_of,
     sight,
 )
 from socialiq.worlds.highway.views import LOWEST, WIDEST, way_of
@@ -71,14 +71,8 @@ def bend():
     roads.add("a", "b", Lane(straight((0.0, 0.0), (60.0, 0.0)), APPROACH))
     roads.add("b", "c", Lane(arc((60.0, 20.0), 20.0, -np.pi / 2, 0.0, 1), CONFLICT))
     roads.add("c", "d", Lane(straight((80.0, 20.0), (80.0, 90.0)), EXIT))
-    road = Road(
-        roads.lanes(["a", "b", "c", "d"]),
-        roads.successors(),
-        roads.routes([]),
-        np.stack([entry(0, 20.0, 8.0)]),
-        np.zeros((0, 2)),
-        sight(100.0, 100.0, 20.0, 20.0, 30.0, relative=False),
-    )
+    scales = sight(100.0, 100.0, 20.0, 20.0, 30.0, relative=False)
+    road = road_of(roads, scales, [entry(0, 20.0, 8.0)], task=["a", "b", "c", "d"])
     return Scene("bend", road, {})
 
 

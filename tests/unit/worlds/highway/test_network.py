@@ -31,7 +31,8 @@ def test_the_way_is_the_shortest():
     network = _roundabout_roads()
     table = network.routes(_DESTINATIONS)
     begun, nodes = network.roads.index(("ser", "ses")), _DESTINATIONS.index("nxs")
-    way = [network.roads[road] for road in table[begun, nodes] if road >= 0]
+    firsts = {network.lane(*road, 0): road for road in network.roads}
+    way = [firsts[lane] for lane in table[begun, nodes] if lane >= 0]
     assert [end for _, end in way] == ["ses", "se", "ex", "ee", "nx", "nxs"]
 
 
@@ -63,7 +64,7 @@ def test_the_closest_lane_does_not_depend_on_the_guess(name):
             for lane in lanes
         ]
         whole = [misfit(lane, x, y) + angle for lane, angle in zip(lanes, turned, strict=True)]
-        found = {closest(lanes, x, y, heading, guess) for guess in range(len(lanes))}
+        found = {closest(lanes, x, y, heading, guess, 0.0) for guess in range(len(lanes))}
         assert len(found) == 1
         assert whole[found.pop()] == pytest.approx(min(whole), abs=1e-9)
 

@@ -9,8 +9,8 @@ from PIL import Image
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
 from socialiq.worlds.highway import render, shapes, sheet
+from socialiq.worlds.highway.options import VEHICLE
 from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
-from socialiq.worlds.intersection.options import VEHICLE
 from socialiq.worlds.intersection.views import Crossing
 from socialiq.worlds.pictures import EGO, OTHER, pixels
 

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socialiq.worlds.highway.options import ANNOTATE, Buffers, Contact
-from socialiq.worlds.intersection.options import VEHICLE, Options, buffers_of, settings_of
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.highway.options import ANNOTATE, VEHICLE, Buffers, Contact, settings_of
+from socialiq.worlds.highway.scene_batch import Batch
+from socialiq.worlds.intersection.options import Options, buffers_of
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import Decisions
 
 
@@ -17,6 +18,7 @@ def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.n
     record = np.zeros((), VEHICLE)
     heading = math.radians(degrees)
     place = {"x": x, "y": y, "heading": heading, "speed": speed}
+    place["route"] = 5 * fields.get("origin", 0)
     for name, value in {**place, "desired_speed": math.inf, "agent": -1, **fields}.items():
         record[name] = value
     record["along_x"], record["along_y"] = (
@@ -42,7 +44,8 @@ def annotated(
     touched: int = -1,
 ) -> Buffers:
     """Annotate a decision between two lists of cars with the core; one row of buffers."""
-    from socialiq.worlds.intersection.core import step
+    from socialiq.worlds.highway.core import step
+    from socialiq.worlds.intersection.core.geometry import ROAD
 
     options = options or Options()
     made = buffers_of(options, 1)
@@ -55,7 +58,7 @@ def annotated(
     made.episodes["contact"], made.episodes["touched"] = contact, touched
     command, nothing = np.array([ANNOTATE], np.int8), np.zeros(1, np.int64)
     unseeded = nothing.astype(np.uint64), nothing.astype(bool)
-    step.run(made, command, *unseeded, nothing, settings_of(options), 0, 0, 1)
+    step.run(made, command, *unseeded, nothing, settings_of(options), ROAD, 0, 1)
     return made
 
 
@@ -79,7 +82,7 @@ def drive(
     options: Options, size: int, steps: int, seed: int = 0, traced: bool = False
 ) -> Iterator[tuple[Batch, Decisions]]:
     """Random decisions with automatic resets; the same batch is yielded after each."""
-    batch = Batch(options, size, traced=traced)
+    batch = Intersection(options).batch(size, traced=traced)
     batch.reset(seed)
     for action in itertools.islice(actions_of(size, seed), steps):
         yield batch, batch.step(action)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialiq.types import Ending
-from socialiq.worlds.highway.options import ENV_SIGNALS, SIGNALS, SOCIAL_SIGNALS
-from socialiq.worlds.intersection.options import VEHICLE, Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.highway.options import ENV_SIGNALS, SIGNALS, SOCIAL_SIGNALS, VEHICLE
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
 
 SCENARIOS = {
     "thesis": Options(population="thesis"),
@@ -26,7 +26,7 @@ NUMBERS = [name for name in VEHICLE.names if VEHICLE[name].kind == "f" and name 
 
 @cache
 def batch_of(name):
-    return Batch(SCENARIOS[name], 1)
+    return Intersection(SCENARIOS[name]).batch(1)
 
 
 def check_numbers(batch, made):
@@ -66,7 +66,7 @@ def test_numbers_stay_finite_and_episodes_end(name, seed, actions):
 @pytest.mark.parametrize("name", sorted(SCENARIOS))
 def test_vehicles_fit_their_places_to_the_last_decision(name):
     # the row behind the last place would belong to the next episode
-    batch = Batch(SCENARIOS[name], 8)
+    batch = Intersection(SCENARIOS[name]).batch(8)
     batch.reset(0)
     running = np.ones(8, bool)
     while running.any():

@@ -5,16 +5,16 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.highway.world import State
+from socialiq.worlds.highway.batch import State
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 GO = np.array([2, 2])
 
 
 @pytest.fixture
 def batch():
-    made = Batch(Options(), 2)
+    made = Intersection().batch(2)
     made.reset(5)
     return made
 
@@ -33,22 +33,22 @@ def assert_equal(one, other):
 @pytest.mark.parametrize(("size", "threads", "name"), [(0, 1, "size"), (2, 0, "threads")])
 def test_sizes_must_be_positive(size, threads, name):
     with pytest.raises(UserError, match=f"^{name} must be at least 1, got 0$"):
-        Batch(Options(), size, threads)
+        Intersection().batch(size, threads)
 
 
 def test_more_threads_than_there_are_is_refused():
     with pytest.raises(UserError, match=r"^100000 threads are more than there are"):
-        Batch(Options(), 2, threads=100_000).reset(0)
+        Intersection().batch(2, threads=100_000).reset(0)
 
 
 @pytest.mark.usefixtures("as_a_user_runs_it")
 def test_unknown_back_ends_are_refused():
     with pytest.raises(UserError, match=r"'sumo': choose one of core, highway_env$"):
-        Batch(Options(), 2, back_end="sumo")
+        Intersection().batch(2, back_end="sumo")
 
 
 def test_the_first_reset_needs_a_seed():
-    batch = Batch(Options(), 2)
+    batch = Intersection().batch(2)
     with pytest.raises(UserError, match="needs a seed"):
         batch.reset()
     batch.reset([3], rows=[1])
@@ -82,15 +82,15 @@ def test_seeds_that_will_not_do_are_refused(batch, seeds, line):
 
 
 def test_a_large_seed_is_the_first_rows():
-    batch = Batch(Options(), 2)
+    batch = Intersection().batch(2)
     for seed in (2**40, 2**63):
         np.testing.assert_array_equal(batch.reset(seed), batch.reset([seed, seed + 1]))
 
 
 def test_seeds_may_mix_small_and_large_ones():
-    batch = Batch(Options(), 2)
+    batch = Intersection().batch(2)
     both = batch.reset([1, 2**63])
-    np.testing.assert_array_equal(both[1:], Batch(Options(), 1).reset([2**63]))
+    np.testing.assert_array_equal(both[1:], Intersection().batch(1).reset([2**63]))
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_actions_may_be_of_any_integer_type(batch):
 
 
 def test_an_episode_must_have_begun():
-    batch = Batch(Options(), 2)
+    batch = Intersection().batch(2)
     with pytest.raises(UserError, match="has not begun"):
         batch.step(GO)
     batch.reset([1], rows=[0])
@@ -177,7 +177,7 @@ def test_auto_reset_shows_both_the_end_and_the_beginning(drive):
     ("changes", "size"), [({}, 3), ({"duration": 30.0}, 2), ({"observed_vehicles": 5}, 2)]
 )
 def test_states_of_another_shape_are_refused(changes, size, batch):
-    other = Batch(Options(**changes), size)
+    other = Intersection(Options(**changes)).batch(size)
     other.reset(1)
     before = everything(batch)
     with pytest.raises(UserError, match="restore it under the options and the size") as error:
@@ -187,7 +187,7 @@ def test_states_of_another_shape_are_refused(changes, size, batch):
 
 
 def test_an_episode_that_never_began_is_restored_as_such(batch):
-    batch.restore(Batch(Options(), 2).save())
+    batch.restore(Intersection().batch(2).save())
     with pytest.raises(UserError, match="has not begun"):
         batch.step(GO)
     with pytest.raises(UserError, match="needs a seed"):
@@ -197,7 +197,7 @@ def test_an_episode_that_never_began_is_restored_as_such(batch):
 def test_rows_that_wait_for_a_reset_are_restored_as_such(batch):
     while not batch.step(GO, auto_reset=False, rows=[0]).ending[0]:
         pass
-    other = Batch(Options(), 2)
+    other = Intersection().batch(2)
     other.restore(batch.save())
     with pytest.raises(UserError, match="has ended"):
         other.step(GO)
@@ -206,7 +206,7 @@ def test_rows_that_wait_for_a_reset_are_restored_as_such(batch):
 
 @pytest.mark.parametrize("population", ["highway_env", "thesis"])
 def test_a_restored_state_goes_on_to_the_last_bit(population, actions_of):
-    batch, other = (Batch(Options(population=population), 8) for _ in range(2))
+    batch, other = (Intersection(Options(population=population)).batch(8) for _ in range(2))
     batch.reset(100)
     script = [action for action, _ in zip(actions_of(8, 1), range(60), strict=False)]
     for action in script[:7]:
@@ -240,12 +240,12 @@ def everything_now(batch):
 
 
 def test_rows_of_a_state_branch(actions_of):
-    batch = Batch(Options(population="thesis"), 6)
+    batch = Intersection(Options(population="thesis")).batch(6)
     batch.reset(3)
     batch.step(np.full(6, 1))
     for row in range(6):
         state = batch.save().rows([row] * 6)
-        branches = Batch(Options(population="thesis"), 6)
+        branches = Intersection(Options(population="thesis")).batch(6)
         branches.restore(state)
         made = branches.step(np.array([0, 1, 2, 0, 1, 2]))
         np.testing.assert_array_equal(made.observation[:3], made.observation[3:])
@@ -260,7 +260,7 @@ def test_rows_of_a_state_branch(actions_of):
 
 def test_picked_rows_keep_their_own_future(batch):
     state = batch.save()
-    swapped = Batch(Options(), 2)
+    swapped = Intersection().batch(2)
     swapped.restore(state.rows([1, 0]))
     for _ in range(30):
         straight, crossed = batch.step(GO), swapped.step(GO)
@@ -269,7 +269,7 @@ def test_picked_rows_keep_their_own_future(batch):
 
 def test_a_row_is_the_episode_of_its_seed_alone(actions_of):
     size, steps, seeds = 7, 70, [11, 3, 3, 2**50, 0, 8, 15]
-    together, singles = Batch(Options(), size), [Batch(Options(), 1) for _ in seeds]
+    together, singles = Intersection().batch(size), [Intersection().batch(1) for _ in seeds]
     np.testing.assert_array_equal(
         together.reset(seeds),
         np.concatenate([one.reset([seed]) for one, seed in zip(singles, seeds, strict=True)]),
@@ -299,7 +299,7 @@ def test_a_row_is_the_episode_of_its_seed_alone(actions_of):
     ],
 )
 def test_neither_size_nor_threads_matter(size, threads, actions_of):
-    reference, other = Batch(Options(), 64), Batch(Options(), size, threads)
+    reference, other = Intersection().batch(64), Intersection().batch(size, threads)
     np.testing.assert_array_equal(reference.reset(40)[:size], other.reset(40))
     for _, action in zip(range(40), actions_of(64, 5), strict=False):
         made, same = reference.step(action), other.step(action[:size])
@@ -309,7 +309,7 @@ def test_neither_size_nor_threads_matter(size, threads, actions_of):
 
 
 def test_one_number_seeds_consecutive_rows():
-    one, other = Batch(Options(), 3), Batch(Options(), 3)
+    one, other = Intersection().batch(3), Intersection().batch(3)
     np.testing.assert_array_equal(one.reset(7), other.reset([7, 8, 9]))
     # of the chosen ones
     np.testing.assert_array_equal(one.reset(7, rows=[0, 2]), other.reset([7, 8, 8]))
@@ -328,7 +328,7 @@ def test_an_unseeded_reset_goes_on_with_the_stream(batch):
     [("left", {1}), ("straight", {2}), ("right", {3}), ("random", {1, 2, 3})],
 )
 def test_the_ego_goes_where_the_option_says(destination, arms):
-    batch = Batch(Options(destination=destination), 30)
+    batch = Intersection(Options(destination=destination)).batch(30)
     batch.reset(0)
     egos = batch.buffers.vehicles[np.arange(30), batch.buffers.episodes["controlled"][:, 0]]
     assert set(egos["destination"].tolist()) == arms

@@ -9,10 +9,11 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from socialiq.errors import UserError
-from socialiq.worlds import CONTINUOUS_IDS
+from socialiq.worlds import OLD_IDS
 from socialiq.worlds.gym import RoadEnv, RoadVectorEnv
+from socialiq.worlds.highway.scene_batch import commands
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.world import Batch, Intersection, commands
+from socialiq.worlds.intersection.world import Intersection
 
 STEERED = ContinuousOptions(actions="continuous_steering", spawn_probability=0.0)
 
@@ -23,7 +24,7 @@ def ego_of(batch):
 
 
 def begun(options, size=1, seed=100):
-    batch = Batch(options, size)
+    batch = Intersection(options).batch(size)
     batch.reset(seed)
     return batch
 
@@ -131,7 +132,7 @@ def test_bad_options_are_refused():
     with pytest.raises(UserError, match="can't reach 'left' by acceleration alone"):
         ContinuousOptions(destination="left")
     with pytest.raises(UserError, match="choose one of continuous, continuous_steering"):
-        gymnasium.make(CONTINUOUS_IDS["intersection-continuous"], actions="jumps")
+        gymnasium.make(OLD_IDS["intersection-continuous"], actions="jumps")
 
 
 def test_the_world_names_its_space():
@@ -145,7 +146,7 @@ def test_the_world_names_its_space():
     assert "continuous_steering" in Intersection(STEERED).description
 
 
-@pytest.mark.parametrize("name", CONTINUOUS_IDS.values())
+@pytest.mark.parametrize("name", [*OLD_IDS.values()][:3])
 def test_gymnasium_accepts_it(name):
     env = gymnasium.make(name)
     check_env(env.unwrapped, skip_render_check=True)

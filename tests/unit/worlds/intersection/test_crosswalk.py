@@ -10,21 +10,14 @@ from gymnasium.utils.env_checker import check_env
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of, on_foot_row
 from socialiq.evaluation.shield import shielded
-from socialiq.worlds import WALKED_IDS
+from socialiq.worlds import OLD_IDS
+from socialiq.worlds.highway.core.people import HALF_WIDTH
 from socialiq.worlds.highway.options import FEATURES
-from socialiq.worlds.intersection.core.people import (
-    BESIDE,
-    CLASS,
-    GONE,
-    HALF_WIDTH,
-    MIDDLE,
-    START,
-    WAITING,
-    WALKING,
-)
-from socialiq.worlds.intersection.crosswalk import PERSON, CrosswalkOptions, people
+from socialiq.worlds.intersection.core.geometry import BESIDE, MIDDLE, RIDDEN
+from socialiq.worlds.intersection.options import CrosswalkOptions
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
+from socialiq.worlds.road_users import FIRST_CODE, GONE, MOVING, RIDES, WAITING
 
 ROWS, VEHICLES = 60, 70  # episodes; numbers of the vehicles' rows
 SLOWER, FASTER = 0, 2
@@ -62,26 +55,24 @@ def test_people_come_from_a_stream_of_their_own():
     begun = [world.batch(ROWS) for world in (make("intersection"), *first)]
     observed = [batch.reset(500)[:, :VEHICLES] for batch in begun]
     np.testing.assert_array_equal(observed[0], observed[1])
-    few, many = (people(batch.options, batch.buffers) for batch in begun[1:])
-    np.testing.assert_array_equal(few["origin"][:, :5], many["origin"][:, :5])
-    np.testing.assert_allclose(
-        few["desired_speed"][:, :5], 4 * many["desired_speed"][:, :5], rtol=1e-12
-    )
-    rate = 1 / np.diff(few["desired_speed"], axis=1).mean()
+    few, many = (batch.buffers.people for batch in begun[1:])
+    np.testing.assert_array_equal(few["way"][:, :5], many["way"][:, :5])
+    np.testing.assert_allclose(few["arrival"][:, :5], 4 * many["arrival"][:, :5], rtol=1e-12)
+    rate = 1 / np.diff(few["arrival"], axis=1).mean()
     assert rate == pytest.approx(4 * 0.05, rel=0.1)
 
 
 def test_people_walk_at_their_pace_and_wait_at_the_kerb():
     world, walked = make("intersection-crosswalk", pedestrian_rate=0.5), 0
     for batch, _ in driven(world, action=SLOWER, auto_reset=False):
-        records = people(world.options, batch.buffers)
-        there = np.isin(records["leg"], (WAITING, WALKING))
+        records = batch.buffers.people
+        there = np.isin(records["state"], (WAITING, MOVING))
         pose = np.sort(np.abs([records["x"][there], records["y"][there]]), axis=0)
         assert np.all(pose[1] == MIDDLE)
         assert np.all(pose[0] <= 5.0 + 1e-9)
         moving = there & (records["speed"] > 0)
-        assert np.all(records["speed"][moving] == records["target_speed"][moving])
-        walked += int((records["leg"] == GONE).sum())
+        assert np.all(records["speed"][moving] == records["free_speed"][moving])
+        walked += int((records["state"] == GONE).sum())
     assert walked > ROWS
 
 
@@ -106,16 +97,16 @@ def crossing(distance, action, speed=9.0):
     world = make("intersection-crosswalk", pedestrian_rate=0.2, spawn_probability=0.0)
     batch = world.with_parts().batch(1)
     batch.reset(3)
-    records, vehicles = people(world.options, batch.buffers), batch.buffers.vehicles
+    records, vehicles = batch.buffers.people, batch.buffers.vehicles
     slot = batch.buffers.episodes["controlled"][0, 0]
     vehicles[0, 0] = vehicles[0, slot]
     batch.buffers.episodes["vehicles"], batch.buffers.episodes["controlled"][0, 0] = 1, 0
     ego = {"x": 2.0, "y": MIDDLE + HALF_WIDTH + 2.5 + distance, "speed": speed}
     for name, value in {**ego, "target_speed": speed}.items():
         vehicles[name][0, 0] = value
-    records["leg"] = GONE
-    person = {"leg": WALKING, "origin": 0, "target_lane": 1, "x": 1.8, "y": MIDDLE}
-    for name, value in {**person, "target_speed": 1.0, "along_x": 1.0, "along_y": 0.0}.items():
+    records["state"] = GONE
+    person = {"state": MOVING, "way": 1, "x": 1.8, "y": MIDDLE}
+    for name, value in {**person, "free_speed": 1.0, "along_x": 1.0, "along_y": 0.0}.items():
         records[name][0, 0] = value
     made = [batch.step(np.array([action]), auto_reset=False)]
     if made[0].ending[0] == 0:
@@ -138,18 +129,18 @@ def test_an_ego_hits_who_walks_before_it_unless_it_brakes():
 def test_who_waits_for_the_ego_alone_is_delayed_by_it():
     """A person at the kerb waits as long as the ego is less than the accepted gap away."""
     batch = alone("intersection-crosswalk", pedestrian_rate=0.2)
-    records, vehicles = people(batch.options, batch.buffers), batch.buffers.vehicles
+    records, vehicles = batch.buffers.people, batch.buffers.vehicles
     ahead = 9.0 * 3.0  # 3 s; the person accepts 4.5 s at first
     vehicles["x"][0, 0], vehicles["y"][0, 0] = 2.0, MIDDLE + HALF_WIDTH + 2.5 + ahead
     vehicles["speed"][0, 0] = vehicles["target_speed"][0, 0] = 9.0
-    state = {"leg": WAITING, "origin": 0, "target_lane": 1, "time_headway": 4.5}
+    state = {"state": WAITING, "way": 1, "accepted_gap": 4.5}
     for name, value in {
         **state,
         "along_x": 1.0,
         "along_y": 0.0,
         "x": -5.0,
         "y": MIDDLE,
-        "jam_distance": 0.0,
+        "waited": 0.0,
     }.items():
         records[name][0, 0] = value
     made = batch.step(np.array([FASTER]), auto_reset=False)
@@ -165,11 +156,11 @@ def test_drivers_brake_for_who_walks_and_who_rides(walk):
     rates = {"pedestrian_rate": walk, "cyclist_rate": 0.4 - walk}
     world, over, counted = make("intersection-crosswalk", **rates), 0, 0
     for batch, _ in driven(world, 12, SLOWER, auto_reset=False):
-        records, vehicles = people(world.options, batch.buffers), batch.buffers.vehicles
+        records, vehicles = batch.buffers.people, batch.buffers.vehicles
         for row in np.flatnonzero(batch.running):
             cars = vehicles[row, : batch.buffers.episodes["vehicles"][row]]
             cars = cars[(cars["agent"] < 0) & (np.abs(cars["speed"]) > 0.5)]
-            walking = records[row][records[row]["leg"] == WALKING]
+            walking = records[row][records[row]["state"] == MOVING]
             dx = walking["x"][:, None] - cars["x"]
             dy = walking["y"][:, None] - cars["y"]
             along = np.abs(dx * cars["along_x"] + dy * cars["along_y"])
@@ -187,7 +178,7 @@ def alone(name, **options):
     vehicles = batch.buffers.vehicles
     vehicles[0, 0] = vehicles[0, batch.buffers.episodes["controlled"][0, 0]]
     batch.buffers.episodes["vehicles"], batch.buffers.episodes["controlled"][0, 0] = 1, 0
-    people(batch.options, batch.buffers)["leg"] = GONE
+    batch.buffers.people["state"] = GONE
     return batch
 
 
@@ -196,32 +187,33 @@ def placed(batch, x, y, speed, rider):
     ego = {"x": x, "y": y, "speed": speed, "target_speed": speed}
     for name, value in ego.items():
         batch.buffers.vehicles[name][0, 0] = value
-    slot = batch.options.first_walker + batch.options.walkers - batch.options.riders
+    people = batch.buffers.people[0]
+    number = np.flatnonzero(people["motion"] == RIDES)[0]
     for name, value in rider.items():
-        batch.buffers.vehicles[name][0, slot] = value
-    return batch.buffers.vehicles[0, slot : slot + 1]
+        people[name][number] = value
+    return people[number : number + 1]
 
 
-ONCOMING = {"origin": 2, "x": -BESIDE, "along_x": 0.0, "along_y": 1.0, "target_speed": 5.0}
+ONCOMING = {"way": 10, "x": -BESIDE, "along_x": 0.0, "along_y": 1.0, "free_speed": 5.0}
 """A cyclist from the north, whose way the left turn of an ego from the south crosses."""
 
 
 def test_a_cyclist_rides_along_its_lane_and_is_not_held_by_an_ego_that_is_far_away():
     batch = alone("intersection-crosswalk-bicycles")
-    state = {"leg": WAITING, "y": -START[1], "speed": 5.0, "time_headway": 4.0}
+    state = {"state": WAITING, "y": -RIDDEN, "speed": 5.0, "accepted_gap": 4.0}
     rider = placed(batch, 2.0, 9000.0, 0.0, ONCOMING | state)
     for decision in range(1, 12):
         made = batch.step(np.array([SLOWER]), auto_reset=False)
-        assert rider["y"][0] == pytest.approx(-START[1] + 5.0 * decision)
+        assert rider["y"][0] == pytest.approx(-RIDDEN + 5.0 * decision)
         assert not any(made.signals[name][0] for name in batch.options.signals)
     batch.step(np.array([SLOWER]), auto_reset=False)
     batch.step(np.array([SLOWER]), auto_reset=False)
-    assert (rider["leg"][0], rider["x"][0]) == (GONE, -BESIDE)
+    assert (rider["state"][0], rider["x"][0]) == (GONE, -BESIDE)
 
 
 def test_a_cyclist_waits_at_its_line_for_the_ego_alone_and_loses_time_by_it():
     batch = alone("intersection-crosswalk-bicycles")
-    state = {"leg": WAITING, "y": -16.0, "speed": 5.0, "time_headway": 4.0, "jam_distance": 0.0}
+    state = {"state": WAITING, "y": -16.0, "speed": 5.0, "accepted_gap": 4.0, "waited": 0.0}
     rider = placed(batch, 2.0, 25.0, 9.0, ONCOMING | state)
     made = batch.step(np.array([FASTER]), auto_reset=False)
     assert -16.0 < rider["y"][0] <= -11.0
@@ -233,13 +225,13 @@ def test_a_cyclist_waits_at_its_line_for_the_ego_alone_and_loses_time_by_it():
     assert made.rewards.social[0] == pytest.approx(share * worth)
     for _ in range(4):
         batch.step(np.array([FASTER]), auto_reset=False)
-    assert (rider["leg"][0], rider["speed"][0] > 0) == (WALKING, True)
+    assert (rider["state"][0], rider["speed"][0] > 0) == (MOVING, True)
 
 
 @pytest.mark.parametrize("hits", [True, False])
 def test_an_ego_that_turns_hits_who_rides_across_its_way_unless_it_waits(hits):
     batch = alone("intersection-crosswalk-bicycles")
-    state = {"leg": WALKING, "y": -7.0, "speed": 5.0, "crashed": False, "identity": 10_050}
+    state = {"state": MOVING, "y": -7.0, "speed": 5.0, "hit": False, "identity": 10_050}
     placed(batch, 2.0, 16.0, 9.0 if hits else 0.0, ONCOMING | state)
     near = [batch.step(np.array([FASTER if hits else SLOWER]), auto_reset=False)]
     if near[0].ending[0] == 0:
@@ -260,10 +252,10 @@ def test_cyclists_keep_behind_each_other():
     gaps = []
     for _ in range(15):
         batch.step(np.zeros(30, np.int64), auto_reset=False, rows=batch.running)
-        riders = batch.save().vehicles[:, options.capacity - options.riders :]
-        there = np.isin(riders["leg"], (WAITING, WALKING))
+        riders = batch.save().people
+        there = np.isin(riders["state"], (WAITING, MOVING))
         along = riders["along_x"] * riders["x"] + riders["along_y"] * riders["y"]
-        place = np.where(there, 1000.0 * riders["origin"] + along, np.nan)
+        place = np.where(there, 1000.0 * riders["way"] + along, np.nan)
         near = np.diff(np.sort(place, axis=1), axis=1)
         gaps.append(near[near < 100.0])
     gaps = np.concatenate(gaps)
@@ -275,11 +267,9 @@ def test_cyclists_have_rows_of_their_own_that_older_policies_do_not_see():
     world, walked = make("intersection-crosswalk-bicycles"), make("intersection-crosswalk")
     rows, known = 0, walked.n_features
     for (batch, made), (plain, _) in zip(driven(world, 1), driven(walked, 1), strict=True):
-        on_foot = people(walked.options, plain.buffers)["desired_speed"]
+        on_foot = plain.buffers.people["arrival"]
         count = on_foot.shape[1]
-        np.testing.assert_array_equal(
-            people(world.options, batch.buffers)["desired_speed"][:, :count], on_foot
-        )
+        np.testing.assert_array_equal(batch.buffers.people["arrival"][:, :count], on_foot)
         riding = made.observation[:, known:].reshape(ROWS, -1, len(FEATURES))
         assert riding.shape[1] == world.options.observed_cyclists
         assert set(np.unique(riding[..., 0])) <= {0.0, 3.0}
@@ -351,7 +341,7 @@ def test_a_shield_keeps_a_rule_from_hitting_people():
 
 def test_the_environment_is_the_world_with_its_options():
     options = {"pedestrian_rate": 0.3, "class_angle": 90.0}
-    env = gymnasium.make(WALKED_IDS["intersection-crosswalk"], **options)
+    env = gymnasium.make(OLD_IDS["intersection-crosswalk"], **options)
     check_env(env.unwrapped, skip_render_check=True)
     batch = make("intersection-crosswalk", **options).batch(1)
     observation, _ = env.reset(seed=3)
@@ -364,7 +354,7 @@ def test_the_environment_is_the_world_with_its_options():
         assert info["reward_pair"][1] == decisions.rewards.social[0]
         assert env.observation_space.contains(observation)
         seen |= set(observation[:: len(FEATURES)].tolist())
-    assert PERSON == CLASS and CLASS in seen
+    assert FIRST_CODE in seen
 
 
 def test_a_value_that_no_world_has_is_refused():

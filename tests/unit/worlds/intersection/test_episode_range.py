@@ -6,7 +6,7 @@ import pytest
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import (
-    Batch,
+    Intersection,
     decisions,
     env_range,
     largest_progress,
@@ -30,7 +30,7 @@ def test_the_defaults_by_hand():
 )
 def test_decisions_are_counted_as_the_core_does(duration, frequency, count):
     options = Options(duration=duration, policy_frequency=frequency)
-    batch = Batch(options, 4)
+    batch = Intersection(options).batch(4)
     batch.reset(0)
     running, made = np.ones(4, bool), 0
     while running.any():  # braking all the time, most run out of time
@@ -54,7 +54,7 @@ EPISODES = 150
 @pytest.mark.parametrize("name", sorted(OPTIONS))
 def test_random_drivers_stay_within(name):
     options = OPTIONS[name]
-    batch, rng = Batch(options, EPISODES), np.random.default_rng(0)
+    batch, rng = Intersection(options).batch(EPISODES), np.random.default_rng(0)
     batch.reset(0)
     running, totals = np.ones(EPISODES, bool), np.zeros((EPISODES, 2))
     # Some prefer to brake and some to accelerate.

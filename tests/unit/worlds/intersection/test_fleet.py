@@ -11,7 +11,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.options import MULTI_AGENT, Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_fleet
 from socialiq.worlds.world import ConstantPolicy
 
@@ -43,7 +43,7 @@ def assert_equal(one, other):
 
 @pytest.mark.parametrize("frame", ["own", "world"])
 def test_one_agent_is_the_ego(frame):
-    ego, one = Batch(Options(), 60), fleet(1, 60, ends="joint", frame=frame)
+    ego, one = Intersection().batch(60), fleet(1, 60, ends="joint", frame=frame)
     ego.reset(0)
     for step in range(20):
         running = ego.running
@@ -101,7 +101,7 @@ def placed(batch, state, agent):
 
 @pytest.mark.parametrize("agent", [0, 1])
 def test_an_agent_far_from_the_other_drives_as_an_ego_alone(agent):
-    ego, batch = Batch(Options(), 40), fleet(2, **HIGHWAY_ENV)
+    ego, batch = Intersection().batch(40), fleet(2, **HIGHWAY_ENV)
     ego.reset(0)
     placed(batch, ego.save(), agent)
     for step in range(12):
@@ -182,6 +182,7 @@ def test_a_view_turns_with_the_crossing():
         vehicles[name] = (there[name] + 5) % 20
     for name in ("origin", "destination"):
         vehicles[name] = (there[name] + 1) % 4
+    vehicles["route"] = 5 * vehicles["origin"]
     other = batch.like(len(alone))
     other.restore(turned)
     for step in range(6):
@@ -230,14 +231,14 @@ def test_joint_episodes_end_with_the_first_crash_or_the_last_arrival():
 
 def test_what_follows_an_arrival_pays_nothing():
     made = drive(fleet(2, 200, **HIGHWAY_ENV), [ConstantPolicy(np.full((), GO))], 0)
-    arrivals = made.signals["arrival"]
+    arrivals = made.signal_arrival
     assert arrivals.max() == 1.0
     batch = fleet(2, 200, **HIGHWAY_ENV)
     paid = np.zeros(batch.shape)
     while (running := batch.running).any():
         step = batch.step(np.full(batch.shape, GO), auto_reset=False, rows=running)
         paid += np.where(running[:, None], step.rewards.env, 0.0)
-    np.testing.assert_allclose(paid, made.rewards.env, atol=1e-12)
+    np.testing.assert_allclose(paid, made.r_env, atol=1e-12)
 
 
 @pytest.mark.parametrize("options", [{}, MULTI_AGENT])
@@ -263,7 +264,7 @@ def test_policies_of_one_ego_drive_each_agent():
     drivers = np.array([[1, 0]] * 100)
     also = drive(batch, [policy("gap_3s"), waits], 0, drivers)
     assert (also.ending[:, 1] == Ending.ARRIVAL).mean() > 0.9
-    np.testing.assert_array_equal(also.decisions.max(axis=0), [20, made.decisions[:, 0].max()])
+    np.testing.assert_array_equal(also.length.max(axis=0), [20, made.length[:, 0].max()])
 
 
 @pytest.mark.parametrize(
@@ -286,7 +287,7 @@ def test_wrong_actions_and_drivers_are_refused():
     with pytest.raises(UserError, match=r"^actions must be 3 x 2 whole numbers"):
         batch.step(np.zeros(3, int))
     with pytest.raises(UserError, match="has one ego: make the world by make_fleet"):
-        drive(Batch(Options(), 3), [policy("go")], 0)
+        drive(Intersection().batch(3), [policy("go")], 0)
     with pytest.raises(UserError, match="at least one policy"):
         drive(batch, [], 0)
     with pytest.raises(UserError, match=r"drivers must have the shape \(3, 2\)"):

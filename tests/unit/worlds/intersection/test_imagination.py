@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.intersection.core.imagine import imagined
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 N = 60
 
@@ -13,7 +12,7 @@ N = 60
 @pytest.fixture(name="driven", scope="module")
 def driven_batch():
     """Episodes some decisions old, so that vehicles are everywhere."""
-    batch = Batch(Options(), N)
+    batch = Intersection().batch(N)
     batch.reset(np.arange(700, 700 + N))
     for decision in range(6):
         batch.step(np.full(N, 0 if decision < 4 else 2))
@@ -95,7 +94,7 @@ def test_the_same_seed_draws_the_same_and_another_does_not(driven):
 def test_a_decision_leads_where_the_real_one_does(driven):
     """Unobserved quantities hardly matter for most vehicles within a second."""
     before = driven.save()
-    copy = Batch(driven.options, N)
+    copy = Intersection(driven.options).batch(N)
     copy.restore(_imagined(driven, 0))
     actions = np.full(N, 2)
     made, thought = (one.step(actions, auto_reset=False) for one in (driven, copy))

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.types import Ending
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 EAST, NORTH, WEST = 0.0, -90.0, 180.0
 HAIR = 1e-12  # m; differences that only rounding makes
@@ -83,7 +83,11 @@ def outcomes():
     """The endings' counts in 200 first episodes of canonical mode and without, and the views."""
 
     def play(canonical):
-        batch, ending, views = Batch(Options(canonical=canonical), 200), np.zeros(200, int), []
+        batch, ending, views = (
+            Intersection(Options(canonical=canonical)).batch(200),
+            np.zeros(200, int),
+            [],
+        )
         views.append(batch.reset(0))
         while (running := ending == Ending.NONE).any():
             views.append(batch.step(np.full(200, 2), auto_reset=False, rows=running).observation)

@@ -11,15 +11,16 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from socialiq.types import Ending
-from socialiq.worlds import CONTINUOUS, CONTINUOUS_IDS
+from socialiq.worlds import OLD_IDS
+from socialiq.worlds.grammar import defaults
 from socialiq.worlds.gym import RoadVectorEnv
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.core.step import off_road as write_off_road
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.world import Batch
-from socialiq.worlds.registry import default_options, make
+from socialiq.worlds.intersection.options import ContinuousOptions
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import make
 
 STAYS = ContinuousOptions(actions="continuous_steering")
 ENDS = dataclasses.replace(STAYS, offroad_terminal=True)
@@ -74,7 +75,7 @@ def test_a_collision_precedes_it_and_it_precedes_arrival_and_timeout(after):
 
 def driven(options, action, seed=0, size=30):
     """Endings, episodes that were off the road, and lengths."""
-    batch = Batch(options, size)
+    batch = Intersection(options).batch(size)
     batch.reset(seed)
     running = np.ones(size, bool)
     ending, left, length = np.zeros(size, int), np.zeros(size, bool), np.zeros(size, int)
@@ -103,7 +104,11 @@ def test_with_acceleration_alone_it_leaves_the_road_backwards_only():
 
 
 def test_the_option_changes_nothing_before_the_ending():
-    rng, ends, stays = np.random.default_rng(3), Batch(ENDS, 40), Batch(STAYS, 40)
+    rng, ends, stays = (
+        np.random.default_rng(3),
+        Intersection(ENDS).batch(40),
+        Intersection(STAYS).batch(40),
+    )
     np.testing.assert_array_equal(ends.reset(9), stays.reset(9))
     running = np.ones(40, bool)
     for _ in range(6):
@@ -119,7 +124,7 @@ def test_the_option_changes_nothing_before_the_ending():
 
 
 def test_gymnasium_terminates_and_says_so():
-    env = gymnasium.make(CONTINUOUS_IDS["intersection-continuous-steering-offroad"])
+    env = gymnasium.make(OLD_IDS["intersection-continuous-steering-offroad"])
     env.reset(seed=0)
     steps = [env.step(np.array([0.0, 0.5], np.float32))]
     while not (steps[-1][2] or steps[-1][3]):
@@ -145,17 +150,22 @@ def test_the_vector_environment_terminates_and_resets():
 
 
 def test_the_name_of_the_world_gives_the_options():
-    for name, options in CONTINUOUS.items():
+    steering = {"actions": "continuous_steering"}
+    for name, options in {
+        "intersection-continuous": {"actions": "continuous"},
+        "intersection-continuous-steering": steering,
+        "intersection-continuous-steering-offroad": steering | {"offroad_terminal": True},
+    }.items():
         world = make(name)
         assert {key: getattr(world.options, key) for key in options} == options
-        assert not set(options) & set(default_options(name))
-    assert default_options("intersection-continuous-steering")["offroad_terminal"] is False
+        assert not set(options) & set(defaults(name))
+    assert defaults("intersection-continuous-steering")["offroad_terminal"] is False
     assert make("intersection-continuous-steering", offroad_terminal=True).options == ENDS
 
 
 def test_egos_with_discrete_actions_stay_on_the_road():
     for batch, action in (
-        (Batch(Options(), 20), 2),
+        (Intersection().batch(20), 2),
         (world_of("merge").batch(20), 3),
         (world_of("roundabout").batch(20), 3),
     ):

@@ -7,8 +7,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.worlds import registry
-from socialiq.worlds.highway.options import SIGNALS
-from socialiq.worlds.intersection.options import Options, settings_of
+from socialiq.worlds.highway.options import SIGNALS, settings_of
+from socialiq.worlds.intersection.options import Options
 
 THESIS = {
     "simulation_frequency": 10,

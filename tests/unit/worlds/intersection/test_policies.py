@@ -7,7 +7,7 @@ from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import FASTER, IDLE, SLOWER, Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 BEFORE = 15.0  # y of an ego that judges gaps
 
@@ -153,7 +153,7 @@ def test_idm_follows_on_the_exit_who_is_in_a_narrow_cone(other, action):
 
 def driven(name, other, size=200):
     """Endings, last places, and least and last speeds of egos that are alone with one vehicle."""
-    batch = Batch(Options(spawn_probability=0.0, initial_vehicle_count=1), size)
+    batch = Intersection(Options(spawn_probability=0.0, initial_vehicle_count=1)).batch(size)
     batch.reset(0)
     made, rows = batch.buffers, np.arange(size)
     made.vehicles[:, 0] = made.vehicles[rows, made.episodes["controlled"][:, 0]]

@@ -10,7 +10,7 @@ from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 BUSY = {"spawn_probability": 1.0, "initial_vehicle_count": 9}
 SIZE, STEPS = 32, 40
@@ -146,7 +146,7 @@ def test_without_spawns_nobody_comes(drive):
 
 
 def test_the_ego_begins_alone_at_65_m(options):
-    batch = Batch(options, 200)
+    batch = Intersection(options).batch(200)
     batch.reset(0)
     starts, challengers = [], 0
     for row, (vehicles, others) in enumerate(now(batch)):
@@ -261,7 +261,7 @@ def test_vehicles_stay_near_their_lane(traced):
     [({}, 20), ({"duration": 2.5}, 3), ({"duration": 1.1, "policy_frequency": 5}, 6)],
 )
 def test_time_runs_out_at_the_duration(changes, decisions):
-    batch = Batch(Options(**changes), 40)
+    batch = Intersection(Options(**changes)).batch(40)
     batch.reset(0)
     running, timeouts = np.ones(40, bool), 0
     for decision in range(1, decisions + 1):
@@ -292,7 +292,7 @@ def test_endings_are_what_the_ego_did(drive):
 
 
 def test_actions_step_through_the_target_speeds():
-    batch = Batch(Options(spawn_probability=0.0, initial_vehicle_count=1), 3)
+    batch = Intersection(Options(spawn_probability=0.0, initial_vehicle_count=1)).batch(3)
     batch.reset([2, 2, 2])
 
     def targets(*actions):
@@ -309,7 +309,9 @@ def test_actions_step_through_the_target_speeds():
 def test_a_faster_clock_is_nearly_the_same_ride():
     reached = []
     for frequency in (10, 40):
-        batch = Batch(Options(simulation_frequency=frequency, initial_vehicle_count=1), 1)
+        batch = Intersection(
+            Options(simulation_frequency=frequency, initial_vehicle_count=1)
+        ).batch(1)
         batch.reset([5])
         batch.step([2], auto_reset=False)
         reached.append(

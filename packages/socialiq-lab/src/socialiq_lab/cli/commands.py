@@ -101,7 +101,7 @@ class Bench(Printing):
     """Runs of each side, in turn; medians and their ratios are printed."""
 
     def run(self) -> int:
-        """Find the benchmark beside the sources, run it, print."""
+        """Find the benchmark in the checkout of the sources, run it, print."""
         one_of("benchmark", self.benchmark, BENCHMARKS)
         if self.repeats < 1:
             raise UserError(f"repeats must be at least 1, got {self.repeats}")

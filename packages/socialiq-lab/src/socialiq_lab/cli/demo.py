@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +11,9 @@ from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Display, Printing, print_json, print_table
 from socialiq.evaluation.episodes import episodes_of, outcome_row
 from socialiq.learners.settings import check_seeds
-from socialiq.storage import shipped
 from socialiq.types import Ending, Row
+from socialiq.worlds.grammar import road_of
 from socialiq.worlds.highway import render, sheet
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import study as experiment
 from socialiq_lab.registry import find
 
@@ -49,11 +48,11 @@ class Demo(Printing):
         """Outcomes of the best dial at three angles, of an expert and of rules; a film of one."""
         with Display() as display:
             display.stage("intersection: compiling, the first time only")
-            world = Intersection(Options())
-            batch = world.batch(self.episodes)
+            world = road_of()
+            batch: Any = world.batch(self.episodes)
             rows = []
             for name, (policy, angle, words) in DRIVERS.items():
-                driver = driver_of(str(shipped(Path(policy))), world, angle).policy
+                driver = driver_of(str(policy), world, angle).policy
                 episodes = episodes_of(batch, driver, np.arange(self.episodes))
                 columns = ("arrival", "collision", "timeout", "speed_kmh", "stopped")
                 row = outcome_row(episodes)

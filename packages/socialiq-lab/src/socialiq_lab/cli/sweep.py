@@ -79,7 +79,18 @@ class Sweep(Printing):
         return 1 if results.summary["failures"] else 0
 
     def do_one(self, plan: Plan, work: Path) -> int:
-        """Do one job in this process, unless it is finished."""
+        """Do the job number `task` in this process, unless it is finished.
+
+        Args:
+            plan: The sweep.
+            work: Folder of finished jobs.
+
+        Returns:
+            Exit status 0.
+
+        Raises:
+            UserError: If no job has that number, or the work folder can't be written.
+        """
         assert self.task is not None
         if not 0 <= self.task < len(plan.jobs):
             raise UserError(f"task must be from 0 to {len(plan.jobs) - 1}, got {self.task}")
@@ -89,7 +100,18 @@ class Sweep(Printing):
         return 0
 
     def write_script(self, plan: Plan, work: Path) -> int:
-        """Write the array script of the open jobs."""
+        """Write `sweep.sh`, the array script of the open jobs, into the work folder.
+
+        Args:
+            plan: The sweep.
+            work: Folder of finished jobs; it is made if it does not exist.
+
+        Returns:
+            Exit status 0.
+
+        Raises:
+            UserError: If every job is finished, or the folder can't be made.
+        """
         waiting = {job.name for job in open_jobs(plan.jobs, work)}
         numbers = [number for number, job in enumerate(plan.jobs) if job.name in waiting]
         if not numbers:
@@ -117,7 +139,14 @@ def array_script(
 ) -> str:
     """Return the text of a Slurm array script; the tasks' logs are written in the work folder.
 
-    The number of an unfinished job is the last word of the command that runs it.
+    Args:
+        command: Words of the command that runs one job, without the last one, the job's number.
+        numbers: Numbers of the unfinished jobs, increasing.
+        work: Absolute path of the work folder.
+        environment: Variables of the jobs' processes, by name.
+
+    Returns:
+        A bash script with a task for each number.
     """
     lines = [
         "#!/bin/bash",

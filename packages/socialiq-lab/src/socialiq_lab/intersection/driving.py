@@ -7,12 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from socialiq import Demonstrations, QPolicy, RewardPair
+from socialiq import Demonstrations, QPolicy
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.branching import with_oracle_lookahead
 from socialiq.evaluation.dial import Sweep, calibrated
-from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.evaluation.rollout import MODES, record
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
@@ -22,25 +23,29 @@ from socialiq.nn.saved import load_one_of
 from socialiq.results_folder import as_csv
 from socialiq.storage import load_arrays, packaged_results, save_arrays, write_atomically
 from socialiq.types import Memoryless, Row
+from socialiq.worlds.grammar import road_of
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.jobs import Job, ProgressCallback
 
-BEST, LAST, DIAL = "best.safetensors", "last.safetensors", "dial.safetensors"
+BEST = "best.safetensors"
+LAST = "last.safetensors"
+DIAL = "dial.safetensors"
 """Files of a training job: the best network by checks, the last one, a dial."""
-EPISODES, FIRST_EPISODE = 2000, 20_000_000
+EPISODES = 2000
+FIRST_EPISODE = 20_000_000
 """Evaluation episodes of a policy, and the seed of the first, the same for all policies."""
 FIRST_CALIBRATION = 15_000_000
 """First seed of the episodes that select a dial's settings."""
 FIRST_HIGHWAY_EPISODE = 30_000_000
 """Seed of the first episode on the real highway-env."""
-BATCH, PLANNED_BATCH = 512, 128
+BATCH = 512
+PLANNED_BATCH = 128
 """Episodes side by side, and where each has many imagined ones."""
 Ahead = Literal["", "planned", "lookahead"]
 """Online planning, or oracle lookahead."""
-_PAIRS = ("totals", "classical")
 _POLICIES = (EnsemblePolicy, ActorPolicy, ActorDial, DialPolicy, QPolicy)
 
 
@@ -52,7 +57,12 @@ class Deciding(Memoryless):
     decide: Callable[[np.ndarray], np.ndarray]
 
     def choose(self, observation: np.ndarray, _deterministic: bool, /) -> np.ndarray:
-        """Choose one action for each row."""
+        """Choose one action for each row.
+
+        Args:
+            observation: Batch of observations, (batch, features).
+            _deterministic: Not used.
+        """
         return self.decide(observation)
 
 
@@ -67,9 +77,9 @@ class EpisodesRun:
     front_end: str = ""
 
     @property
-    def world(self) -> Intersection:
+    def world(self) -> Any:
         """World of the episodes."""
-        return Intersection(self.options).shifted(self.shift, self.front_end)
+        return road_of(self.options).shifted(self.shift, self.front_end)
 
     @property
     def seeds(self) -> np.ndarray:
@@ -92,7 +102,14 @@ class Driving(EpisodesRun):
 def drive(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write the outcome of every episode, a file for each policy and readout or angle."""
+    """Write the outcome of every episode, a file for each policy and readout or angle.
+
+    Args:
+        config: The policies, and the episodes that they drive.
+        folder: Folder of the job.
+        inputs: Folder of the job that trained the policies; empty for a rule-based driver.
+        on_progress: Called with the share of the files that are written.
+    """
     drivers = drivers_of(config, inputs)
     chosen: Any = config.angles or config.readouts
     cells = [(name, cell) for name in drivers for cell in chosen]
@@ -104,7 +121,9 @@ def drive(
         elif config.ahead == "planned":
             discount = driver.provenance["numbers"]["discount"]
             policy = RolloutPolicy(policy, config.options, cell, discount=discount)
-            episodes = episodes_of(Batch(config.options, PLANNED_BATCH), policy, config.seeds)
+            episodes = episodes_of(
+                Intersection(config.options).batch(PLANNED_BATCH), policy, config.seeds
+            )
         else:
             batch = config.world.batch(BATCH)
             episodes = episodes_of(batch, policy, config.seeds, deterministic=cell != "soft")
@@ -113,18 +132,38 @@ def drive(
 
 
 def evaluation(trained: str, config: Driving, cost: float) -> Job:
-    """Return the job that drives the policies of another job."""
+    """Return the job that drives the policies of another job.
+
+    Args:
+        trained: Name of the job that trained the policies.
+        config: Configuration of the drives.
+        cost: Approximate seconds.
+    """
     return Job(f"evaluation/{trained}", drive, config, (trained,), cost)
 
 
 def episodes_at(folder: Path, driver: str, cell: str | float = "greedy") -> Path:
-    """Return the file of a driver's episodes, by readout or by a dial's angle."""
+    """Return the path of a driver's episodes.
+
+    Args:
+        folder: Folder of the job.
+        driver: File of the driver below its job's folder, or the name of a rule-based one.
+        cell: Readout of a policy, or angle of a dial in degrees.
+    """
     name = cell if isinstance(cell, str) else f"{cell:g}"
     return folder / driver.removesuffix(".safetensors") / f"{name}.safetensors"
 
 
 def drivers_of(config: Driving, inputs: Mapping[str, Path]) -> dict[str, Any]:
-    """Return the trained policies of the input's folder by file, or a rule-based driver."""
+    """Return the drivers of a job.
+
+    Args:
+        config: Its `driver` is a pattern of files, or the name of a rule-based driver.
+        inputs: Folder of one job that trained policies; empty for a rule-based driver.
+
+    Returns:
+        The trained policies by file in that folder, sorted; or the rule-based driver by its name.
+    """
     if not inputs:
         return {config.driver: policies.policy(config.driver, config.first_seed)}
     (trained,) = inputs.values()
@@ -135,7 +174,14 @@ def drivers_of(config: Driving, inputs: Mapping[str, Path]) -> dict[str, Any]:
 def drive_highway(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Compare the core with the real highway-env decision by decision; a row for each episode."""
+    """Compare the core with the real highway-env decision by decision; a row for each episode.
+
+    Args:
+        config: The driver, its episodes, and the options of the world.
+        folder: Folder of the job, in which `compared.csv` is written.
+        inputs: Folder of the job that trained the driver; empty for a rule-based one.
+        on_progress: Called with the share of the episodes that are compared.
+    """
     from socialiq.worlds.conformance import compare_intersection
 
     (driver,) = drivers_of(config, inputs).values()
@@ -151,9 +197,17 @@ def drive_highway(
 def calibrate_dial(
     config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write the dial that answers each angle with the best of its policies."""
+    """Write the dial that answers each angle with the best of its policies.
+
+    Args:
+        config: The angles, in degrees, at which the dial is evaluated, and the episodes.
+        folder: Folder of the job, in which the calibrated dial is written.
+        inputs: Folder of the job that trained the dial.
+        on_progress: Called with the share of the angles that are evaluated.
+    """
     (dial,) = drivers_of(config, inputs).values()
-    batch, metrics = Batch(config.options, BATCH), []
+    batch = Intersection(config.options).batch(BATCH)
+    metrics = []
     for angle in config.angles:
         metrics.append(episodes_of(batch, dial.at(angle), config.seeds).metrics())
         on_progress(len(metrics) / len(config.angles))
@@ -161,39 +215,30 @@ def calibrate_dial(
 
 
 def save_episodes(path: Path, episodes: Episodes) -> None:
-    """Write the outcomes of episodes to one file.
+    """Write the results of episodes to one file.
 
     Raises:
         UserError: If the file can't be written.
     """
-    fields = episodes._asdict()
-    header = {"signal_names": list(fields.pop("signal_names"))}
-    arrays = {}
-    for name in _PAIRS:
-        pair = fields.pop(name)
-        arrays |= {f"{name}_env": pair.env, f"{name}_social": pair.social}
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_arrays(path, "episodes", 1, arrays | fields, header)
+    save_arrays(path, "episodes", 2, episodes, {})
 
 
 def load_episodes(path: Path) -> Episodes:
-    """Read the outcomes of episodes.
+    """Read the results of episodes.
 
     Raises:
         UserError: If the file is missing, damaged, or holds something else.
     """
-    arrays, header = load_arrays(path, "episodes", 1)
-    fields: dict[str, Any] = {**arrays, "signal_names": tuple(header["signal_names"])}
-    for name in _PAIRS:
-        fields[name] = RewardPair(fields.pop(f"{name}_env"), fields.pop(f"{name}_social"))
-    return Episodes(**fields)
+    return Episodes(load_arrays(path, "episodes", 2)[0])
 
 
 DEMONSTRATIONS = "demonstrations/experts"
 """Folder of the recordings, in every study."""
 RECORDED_EPISODES = 3000
 """Episodes recorded of each expert."""
-MIXTURE, SIZE = "equal_transitions", 15_000
+MIXTURE = "equal_transitions"
+SIZE = 15_000
 """Mixture that learners get: transitions of each expert (thesis 6.3)."""
 
 
@@ -207,18 +252,30 @@ class Shipped:
 def copy_shipped(
     config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Write a dial of the committed results."""
+    """Write a dial of the committed results.
+
+    Args:
+        config: File of the dial below the committed results.
+        folder: Folder of the job.
+        _inputs: No folders.
+        _on_progress: Not called.
+    """
     (folder / DIAL).write_bytes((packaged_results() / config.file).read_bytes())
 
 
 def seeds_of_blocks(blocks: Sequence[int], episodes: int) -> tuple[int, ...]:
-    """Return the seed of each episode of all blocks, given their first ones."""
+    """Return the seed of each episode of all blocks.
+
+    Args:
+        blocks: First seed of each block.
+        episodes: Number of episodes of a block, whose seeds are successive.
+    """
     return tuple(first + number for first in blocks for number in range(episodes))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recording(Driving):
-    """Greedy episodes of each of the three experts, on seeds of their own."""
+    """Greedy episodes of each of the three experts, on seeds that no other recording has."""
 
     episodes: int = RECORDED_EPISODES
     first_seed: int = 10_000_000
@@ -234,6 +291,12 @@ def record_experts(
     """Write the transitions of each expert, and their classical rewards row for row.
 
     The inputs' files are the experts in the order of the modes; without inputs it is the atlas.
+
+    Args:
+        config: Episodes of each expert; those of different experts have different seeds.
+        folder: Folder of the job.
+        inputs: Folders of the jobs that trained the experts.
+        on_progress: Called with the share of the experts that are recorded.
     """
     experts = [
         driver
@@ -254,9 +317,13 @@ def record_experts(
 def atlas_demonstrations(
     episodes: int, effects: EffectOptions | None = None, shift: str = "", front_end: str = ""
 ) -> Job:
-    """Return the job that records demonstrations for studies without experts of their own.
+    """Return the job that records demonstrations for studies that train no experts.
 
-    With `effects` their r_social is what the expert causes; with a shift they drive under it.
+    Args:
+        episodes: Number of episodes of each expert.
+        effects: Options of an r_social that is what the expert causes; None for Eq 4.2.
+        shift: Shift of the world in which the experts drive; "" for none.
+        front_end: Front end of the experts in a shifted world; "" for none.
 
     Raises:
         UserError: If the atlas did not come with the package.
@@ -270,9 +337,13 @@ def atlas_demonstrations(
 
 
 def mixture_of(recordings: Path, size: int, seed: int, mixture: str = MIXTURE) -> Demonstrations:
-    """Draw one of `MIXTURES` of all three experts from a folder of recordings.
+    """Draw a mixture of all three experts from a folder of recordings.
 
-    `size` are the transitions or episodes of each expert, as the mixture counts.
+    Args:
+        recordings: Folder of `record_experts`.
+        size: Number of transitions or episodes of each expert, as the mixture counts.
+        seed: Seed of the draw.
+        mixture: Name of one of `MIXTURES`.
     """
     pools = {
         mode: files.load(recordings / f"{mode}.safetensors", continuous=True) for mode in MODES

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from socialiq import QPolicy
-from socialiq.evaluation.episodes import OUTCOMES, Episodes, policy_row
+from socialiq.evaluation.episodes import OUTCOMES, policy_row
+from socialiq.evaluation.measures import Episodes
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.saved import load_one_of
@@ -32,7 +33,16 @@ PolicyEpisodes = dict[tuple[str, str], Episodes]
 
 
 def evaluated(jobs: Sequence[Job], work: Path) -> PolicyEpisodes:
-    """Load the episodes of every evaluation of one policy; lookahead is greedy."""
+    """Load the episodes of every evaluation of one policy.
+
+    Args:
+        jobs: Jobs of any stage; those of the stage `evaluation` are read.
+        work: Work folder.
+
+    Returns:
+        Episodes by policy and readout. A policy with oracle lookahead, which is named by its angle,
+        has the readout "greedy".
+    """
     return {
         (job.name.removeprefix("evaluation/"), cell if isinstance(cell, str) else "greedy"): (
             driving.load_episodes(driving.episodes_at(work / job.name, job.config.driver, cell))
@@ -44,13 +54,24 @@ def evaluated(jobs: Sequence[Job], work: Path) -> PolicyEpisodes:
 
 
 def value_at(row: Row, angle: float) -> float:
-    """Return J(α) of a policy's mean totals (Eq 4.3)."""
+    """Return J(α) of a policy's mean totals (Eq 4.3).
+
+    Args:
+        row: Row with the mean totals `r_env` and `r_social`.
+        angle: α in degrees.
+    """
     direction = exact_weights(angle)
     return direction.env * row["r_env"] + direction.social * row["r_social"]
 
 
 def valued(label: Row, file: Path, angle: float) -> Row:
-    """Return a label, J(α) at an angle and the metrics of a file of episodes."""
+    """Return a row with J(α) at an angle and the metrics of a file of episodes.
+
+    Args:
+        label: First columns of the row.
+        file: File of `driving.save_episodes`.
+        angle: α in degrees.
+    """
     row = policy_row("", "greedy", driving.load_episodes(file))
     metrics = {name: row[name] for name in row if name not in ("policy", "readout")}
     return label | {"value": value_at(row, angle)} | metrics
@@ -75,7 +96,16 @@ def curves(
     work: Path,
     columns: Sequence[str] = ("updates", "loss", "total", *OUTCOMES),
 ) -> list[Row]:
-    """Return the learning curve of every training run that was checked."""
+    """Return the learning curve of every training run that was checked.
+
+    Args:
+        jobs: Training jobs; those without a curve have no rows.
+        work: Work folder.
+        columns: Columns that are taken from a curve.
+
+    Returns:
+        A row for each check of a run.
+    """
     return [
         {"run": job.name} | {name: row[name] for name in columns}
         for job in jobs
@@ -85,7 +115,16 @@ def curves(
 
 
 def times(jobs: Sequence[Job], work: Path) -> list[Row]:
-    """Return the time of each kind of job, one process on one core for each job."""
+    """Return the time of each kind of job, one process on one core for each job.
+
+    Args:
+        jobs: Finished jobs.
+        work: Work folder.
+
+    Returns:
+        A row for each kind of job: the number of jobs, their seconds together, and those of the
+        longest.
+    """
     seconds: dict[str, list[float]] = {}
     for job in jobs:
         kind = "/".join(job.name.split("/")[: _DEPTH.get(job.stage, 2)])
@@ -103,15 +142,23 @@ def atlas_files(
     work: Path,
     greedy: Mapping[str, Row],
 ) -> dict[str, bytes]:
-    """Return the content of the atlas' files by path below the results folder.
+    """Return the content of the atlas' files.
 
-    `sources` names the job of each policy and the file in its folder, and `greedy` its metrics,
-    both by name in the atlas.
+    Args:
+        study: Name of the study that made the policies.
+        world: Name of the world.
+        sources: Name of the job of each policy, and the file in its folder, by name in the atlas.
+        work: Work folder.
+        greedy: Metrics of each greedy policy, by name in the atlas.
+
+    Returns:
+        Bytes by path below the results folder: the policies, and the manifest.
     """
     contents: dict[str, bytes] = {}
     entries: dict[str, Any] = {}
     for name, (job, policy) in sources.items():
-        source, file = work / job / policy, f"{name}.safetensors"
+        source = work / job / policy
+        file = f"{name}.safetensors"
         contents[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
         record = read_json(work / job / RECORD)
         entries[name] = {

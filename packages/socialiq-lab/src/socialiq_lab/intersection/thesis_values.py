@@ -5,7 +5,8 @@ from pathlib import Path
 
 _PRINTED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
 
-METRICS, POLICIES = tuple(_PRINTED["metrics"]), tuple(_PRINTED["policies"])
+METRICS = tuple(_PRINTED["metrics"])
+POLICIES = tuple(_PRINTED["policies"])
 """Rows of Tables 6.1 and 6.2, and columns of Table 6.2."""
 
 TABLE_6_2 = {

@@ -1,7 +1,7 @@
 """Training jobs of the intersection: experts, learners, dials and clones; each fills a folder.
 
-A job is called in a process of its own, so everything that it depends on is in its configuration,
-of which its fingerprint is made (`socialiq_lab.jobs`).
+A job is called in a separate process, so everything that it depends on is in its configuration, of
+which its fingerprint is made (`socialiq_lab.jobs`).
 """
 
 import dataclasses
@@ -33,9 +33,9 @@ from socialiq.results_folder import as_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds.grammar import road_of
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.comparison import nearest_mode, of_modes
 from socialiq_lab.intersection.driving import BEST, DIAL, LAST, mixture_of
@@ -44,7 +44,8 @@ from socialiq_lab.jobs import ProgressCallback, callbacks_of
 CHECKPOINT = "checkpoint.safetensors"
 CURVE = "curve.csv"
 """File of a training job's learning curve."""
-CHECKS, CHECK_ANGLES = Checks(times=8, episodes=200), (0.0, 45.0, 90.0)
+CHECKS = Checks(times=8, episodes=200)
+CHECK_ANGLES = 0.0, 45.0, 90.0
 """Checks of a dial, and their angles in degrees."""
 ENVIRONMENTS = 256
 FLEETS = 64  # side by side
@@ -60,8 +61,13 @@ def fit(
 ) -> None:
     """Train, from the checkpoint of an interrupted try if there is one, and fill the folder.
 
-    `train` is given `callbacks` and `chunk`, and `files` are the names of the runs' policies. The
-    monitor measures the learning curve of the first run; none is written without it.
+    Args:
+        train: Trains the runs, given `callbacks` and `chunk`.
+        folder: Folder of the job.
+        on_progress: Called with the finished share of the training.
+        files: Names of the runs' policies below the folder.
+        monitor: Measures the learning curve of the first run, with a measure `total`. Without it no
+            curve is written.
     """
     checkpoint = folder / CHECKPOINT
     callbacks = callbacks_of(on_progress, checkpoint, monitor)
@@ -99,8 +105,17 @@ class ExpertRun:
 def train_expert(
     config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write the last network of an expert, the best by checks, and the learning curve."""
-    structure, numbers, best = config.structure, config.numbers, folder / BEST
+    """Write the last network of an expert, the best by checks, and the learning curve.
+
+    Args:
+        config: The run.
+        folder: Folder of the job.
+        _inputs: No folders.
+        on_progress: Called with the finished share of the training.
+    """
+    structure = config.structure
+    numbers = config.numbers
+    best = folder / BEST
 
     def measure(state: Any, done: int) -> dict[str, float]:
         policy = dqn.policy_of(structure, numbers, network_of(state.network, 0))
@@ -135,8 +150,16 @@ class LearnerRun:
 def train_learner(
     config: LearnerRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write the last network of a learner and its learning curve."""
-    structure, numbers = config.structure, config.numbers
+    """Write the last network of a learner and its learning curve.
+
+    Args:
+        config: The run.
+        folder: Folder of the job.
+        inputs: Folder of the recordings.
+        on_progress: Called with the finished share of the training.
+    """
+    structure = config.structure
+    numbers = config.numbers
     (recordings,) = inputs.values()
     data = mixture_of(recordings, config.size, numbers.seed, config.mixture)
 
@@ -176,8 +199,16 @@ class DialRun:
 def train_dial(
     config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write a dial and its learning curve, which is of J(α)."""
-    structure, numbers = config.structure, config.numbers
+    """Write a dial and its learning curve, the mean of J(α) over the angles of a check.
+
+    Args:
+        config: The run.
+        folder: Folder of the job.
+        inputs: Folder of the recordings.
+        on_progress: Called with the finished share of the training.
+    """
+    structure = config.structure
+    numbers = config.numbers
     clock = structure.redraw_times > 0  # the network sees the time where times are redrawn
     (recordings,) = inputs.values()
     data = mixture_of(recordings, config.size, numbers.seed)
@@ -189,7 +220,7 @@ def train_dial(
         return _mean_value(CHECKS, dial, config.check_angles)
 
     size = structure.environments, config.steps_per_update
-    collector = road.dial_collector(structure, [numbers], Intersection(Options()), *size)
+    collector = road.dial_collector(structure, [numbers], road_of(), *size)
     train = partial(
         dial_training.train,
         structure,
@@ -226,7 +257,14 @@ class DialIterationRun:
 def iteration_runs(
     config: Any, first_rounds: int, times: int, **settings: Any
 ) -> Iterator[DialIterationRun]:
-    """Yield a run for each seed of a study, of a smaller budget than `train improve-dial` has."""
+    """Yield a run for each seed of a study, of a smaller budget than `train improve-dial` has.
+
+    Args:
+        config: Configuration of the study, with `seeds`, `updates` and `states_per_update`.
+        first_rounds: Rounds of labelling before the first update.
+        times: Number of checks in a run.
+        **settings: Further fields of each run.
+    """
     structure = replace(
         road.ITERATION,
         updates=config.updates,
@@ -246,10 +284,18 @@ def train_dial_by_iteration(
     inputs: Mapping[str, Path],
     on_progress: ProgressCallback,
 ) -> None:
-    """Improve the dial of the input; write it and its learning curve, which is of J(α)."""
+    """Improve the dial of the input; write it and its learning curve, the mean of J(α) over angles.
+
+    Args:
+        config: The run.
+        folder: Folder of the job.
+        inputs: Folder of the job with the dial to begin with.
+        on_progress: Called with the finished share of the training.
+    """
     (begun,) = inputs.values()
     start = DialPolicy.load(begun / DIAL)
-    clock, options = road.observes_time(start, Options()), Options()
+    clock = road.observes_time(start, Options())
+    options = Options()
     structure = policy_iteration.with_network_of(config.structure, start)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
@@ -265,7 +311,7 @@ def train_dial_by_iteration(
         fleet = make_fleet("intersection", config.agents, duration=DURATION)
         labeller = road.fleet_labeller(structure, fleet, FLEETS, clock)
     else:
-        world = Intersection(options, config.effects)
+        world = road_of(options, config.effects)
         labeller = road.dial_labeller(structure, world, ENVIRONMENTS, clock)
     train = partial(
         policy_iteration.train,
@@ -281,7 +327,7 @@ def train_dial_by_iteration(
 
 @dataclass(frozen=True, kw_only=True)
 class MixtureRuns:
-    """Runs of a method in one program, each training seed with a mixture of its own.
+    """Runs of a method in one program, each training seed with a separate mixture.
 
     Dials of offline learning, or for each angle clones, or IQ-Learn offline or online.
     """
@@ -301,7 +347,12 @@ class MixtureRuns:
 
 
 def run_file(seed: int, angle: float | None = None) -> str:
-    """Return the place of a run's policy below its job's folder; a dial has no angle."""
+    """Return the path of a run's policy below its job's folder.
+
+    Args:
+        seed: Training seed.
+        angle: Angle in degrees; None for a dial.
+    """
     return f"{seed}/{DIAL}" if angle is None else f"{seed}/{angle:g}/{LAST}"
 
 
@@ -310,12 +361,19 @@ def train_runs(
 ) -> None:
     """Train all runs and write their policies (`run_file`).
 
+    Args:
+        config: The runs.
+        folder: Folder of the job.
+        inputs: Folder of the recordings.
+        on_progress: Called with the finished share of the training.
+
     Raises:
         UserError: If a run broke.
     """
     (recordings,) = inputs.values()
     data = [mixture_of(recordings, config.size, seed) for seed in config.seeds]
-    structure, cells = config.structure, list(itertools.product(config.seeds, config.angles))
+    structure = config.structure
+    cells = list(itertools.product(config.seeds, config.angles))
     callbacks = callbacks_of(on_progress)
     if isinstance(structure, dial.OfflineDialConfig):
         numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]

@@ -14,7 +14,7 @@ from socialiq import UserError
 from socialiq.learners.extensions import LEARNERS, find_learner
 from socialiq.learners.iq_learn.config import PRESETS, Endings
 from socialiq.reading import read_toml, sha256_of_file
-from socialiq.worlds.registry import GRIDWORLDS
+from socialiq.worlds.catalogue import GRIDS, base
 from socialiq_lab.jobs import Job
 from socialiq_lab.sweep.runs import RunsConfig, train_runs
 
@@ -52,8 +52,11 @@ def read_plan(file: Path, allow_code: bool = False) -> Plan:
     It is TOML with `data`, and optionally `learner`, `worlds`, `seeds`, `preset`, `runs_per_job`
     and the tables `options`, of keywords of an environment, and `static` and `hyperparameters`,
     whose keys are fields of the learner's `StaticConfig` and `Hyperparameters`. A list means each
-    of its values. Paths are relative to the file. Modules of environments, and a learner of the
-    user's own, are imported if `allow_code`.
+    of its values. Paths are relative to the file.
+
+    Args:
+        file: The file.
+        allow_code: Whether modules of environments, and a user's learner, may be imported.
 
     Raises:
         UserError: If the file can't be read, or a key or value is invalid; the line names both.
@@ -65,7 +68,9 @@ class _Reader:
     """One file's content, checked key by key."""
 
     def __init__(self, file: Path, content: dict[str, Any], allow_code: bool) -> None:
-        self.file, self.content, self.allow_code = file, content, allow_code
+        self.file = file
+        self.content = content
+        self.allow_code = allow_code
         self.learner = "", ""  # and the SHA-256 of its file; "" for IQ-Learn
 
     def plan(self) -> Plan:
@@ -116,14 +121,25 @@ class _Reader:
     def config(
         self, world: str, options: dict[str, Any], data: str, static: Any, runs: tuple[Any, ...]
     ) -> RunsConfig:
-        """Return the configuration of one job."""
+        """Return the configuration of one job.
+
+        Args:
+            world: Name of the world, or `OFFLINE`.
+            options: Keywords of the environment.
+            data: Path of the data set, relative to the sweep file.
+            static: Static configuration of the runs.
+            runs: Hyperparameters of each run.
+
+        Raises:
+            UserError: If the data set can't be read, or the world takes no options.
+        """
         path = (self.file.absolute().parent / data).resolve()
         try:
             sha256 = sha256_of_file(path)
         except UserError as error:
             raise self.error("data", str(error)) from error
         location = "" if world == OFFLINE else world
-        if options and location in ("", *GRIDWORLDS):
+        if options and (not location or base(location) in GRIDS):
             raise self.error("options", f"are of a Gymnasium id: leave {world} out of the worlds")
         files = data, str(path), sha256
         return RunsConfig(*self.learner, location, options, *files, static, runs, self.allow_code)
@@ -141,7 +157,15 @@ class _Reader:
         return [dict(zip(table, chosen, strict=True)) for chosen in itertools.product(*values)]
 
     def several(self, key: str, value: Any) -> list[Any]:
-        """Return the values of a key: those of a list, or the one that stands alone."""
+        """Return the values of a key.
+
+        Args:
+            key: Dotted name of the key, for messages.
+            value: A list of values, or a single value.
+
+        Raises:
+            UserError: If the list is empty.
+        """
         values = _listed(value)
         if not values:
             raise self.error(key, "must have at least one value")
@@ -161,10 +185,10 @@ class _Reader:
         for world in worlds:
             if world not in by_world:
                 raise self.error("data", f"names no file for {world}")
-            if not (world == OFFLINE or world in GRIDWORLDS or ":" in world or "/" in world):
-                names_known = f"{', '.join(GRIDWORLDS)}, {OFFLINE} or a Gymnasium id"
+            if not (world == OFFLINE or base(world) in GRIDS or ":" in world or "/" in world):
+                names_known = f"{', '.join(GRIDS)}, {OFFLINE} or a Gymnasium id"
                 raise self.error("worlds", f"unknown world '{world}': choose {names_known}")
-            if self.learner[0] and world not in (OFFLINE, *GRIDWORLDS):
+            if self.learner[0] and world != OFFLINE and base(world) not in GRIDS:
                 raise self.error("worlds", f"this learner trains offline: leave '{world}' out")
             files = _listed(by_world[world])
             if not files:
@@ -189,7 +213,15 @@ class _Reader:
         return [self.replaced(base, entries) for entries in itertools.product(*values)]
 
     def statics(self, base: Any, online: bool) -> list[Any]:
-        """Return every combination of the static choices."""
+        """Return every combination of the static choices.
+
+        Args:
+            base: Static configuration to begin with.
+            online: Whether IQ-Learn acts in a world.
+
+        Raises:
+            UserError: If a key or value is invalid.
+        """
         table = self.table("static")
         fields = {field.name for field in dataclasses.fields(base)} - {"online"}
         self.check_keys("static", table, sorted(fields))
@@ -206,10 +238,21 @@ class _Reader:
         return [self.replaced(base, entries) for entries in itertools.product(*values)]
 
     def values(self, where: str, table: Mapping[str, Any], kind: type) -> list[list[_Entry]]:
-        """Return the values of each key, of its field's type."""
-        hints, values = typing.get_type_hints(kind), []
+        """Return the values of each key of a table, converted to the type of its field.
+
+        Args:
+            where: Dotted name of the table, for messages.
+            table: Values by key: a list of values, or a single value.
+            kind: Dataclass with a field for each key.
+
+        Raises:
+            UserError: If a value has another type than its field.
+        """
+        hints = typing.get_type_hints(kind)
+        values = []
         for name, value in table.items():
-            key, hint = f"{where}.{name}", hints[name]
+            key = f"{where}.{name}"
+            hint = hints[name]
             is_tuple = typing.get_origin(hint) is tuple
             nested = isinstance(value, list) and any(isinstance(item, list) for item in value)
             several = [value] if is_tuple and not nested else self.several(key, value)
@@ -217,7 +260,15 @@ class _Reader:
         return values
 
     def replaced(self, base: Any, entries: Sequence[_Entry]) -> Any:
-        """Return the settings with these values; a refusal names the key at fault."""
+        """Return the settings with other values.
+
+        Args:
+            base: Settings to begin with.
+            entries: Values of fields.
+
+        Raises:
+            UserError: If the settings refuse the values; the line names the key at fault.
+        """
         try:
             return _with(base, entries)
         except UserError as error:
@@ -231,7 +282,16 @@ class _Reader:
             raise self.error(table, str(error)) from error
 
     def typed(self, key: str, value: Any, hint: Any) -> Any:
-        """Return a value of the hinted type; a whole number may stand for a number."""
+        """Return a value of the hinted type.
+
+        Args:
+            key: Dotted name of the key, for messages.
+            value: Value of the sweep file; a whole number may stand for a number.
+            hint: `str`, `bool`, `int`, `float`, a `Literal`, or a tuple of whole numbers.
+
+        Raises:
+            UserError: If the value has another type, or the hint is another one.
+        """
         if typing.get_origin(hint) is Literal:
             if value not in typing.get_args(hint):
                 names_known = ", ".join(typing.get_args(hint))
@@ -262,7 +322,16 @@ class _Reader:
         return values
 
     def check_keys(self, where: str, table: Mapping[str, Any], names: Sequence[str]) -> None:
-        """Refuse unknown keys."""
+        """Refuse unknown keys.
+
+        Args:
+            where: Dotted name of the table; "" for the file.
+            table: The table.
+            names: Known keys.
+
+        Raises:
+            UserError: The line names the unknown key and the known ones.
+        """
         for name in table:
             if name not in names:
                 key = f"{where}.{name}" if where else name
@@ -273,7 +342,12 @@ class _Reader:
         return UserError(f"{self.file}: more than {MOST_RUNS:,} runs: split it")
 
     def error(self, key: str, line: str) -> UserError:
-        """Return the refusal of a key."""
+        """Return the refusal of a key.
+
+        Args:
+            key: Dotted name of the key.
+            line: Fault of its value, in words that follow the name.
+        """
         return UserError(f"{self.file}: {key}: {line}")
 
 

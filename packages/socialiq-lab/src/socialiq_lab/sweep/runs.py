@@ -18,7 +18,8 @@ from socialiq.results_folder import Results
 from socialiq.storage import read_json, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds import environment, registry
+from socialiq.worlds import environment
+from socialiq.worlds.catalogue import GRIDS, base
 from socialiq_lab.gridworld_runs import evaluate
 from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
 
@@ -64,6 +65,12 @@ def train_runs(
 ) -> None:
     """Train the runs in one compiled program; write each policy, and a row for each readout.
 
+    Args:
+        config: The runs.
+        folder: Folder of the job.
+        _: No folders.
+        on_progress: Called with the finished share of the training.
+
     Raises:
         UserError: If the data set has changed, or data, world and settings don't fit together.
     """
@@ -71,7 +78,7 @@ def train_runs(
     if hashlib.sha256(path.read_bytes()).hexdigest() != config.sha256:
         raise UserError(f"{path} has changed since the sweep began: give the command again")
     data = files.load(path)
-    ground = Ground.of(config.world) if config.world in registry.GRIDWORLDS else None
+    ground = Ground.of(config.world) if base(config.world) in GRIDS else None
     checkpoint = folder / "checkpoint.safetensors"
     learner = collector = None
     if config.learner:
@@ -94,7 +101,8 @@ def train_runs(
     )
     rows = []
     for run, numbers in enumerate(trained.hyperparameters):
-        policy, name = trained.policy(run), trained.learner.run_name(numbers)
+        policy = trained.policy(run)
+        name = trained.learner.run_name(numbers)
         policy.save(folder / f"policy_{run}.safetensors")
         failure = next((line for line in trained.failures if line.startswith(f"{name} ")), "")
         row: Row = {"number": run, "failure": failure}
@@ -118,6 +126,14 @@ def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> 
 
     The table `runs` has one row for each run and readout: the settings that differ, the last
     terms of the objective and, in a gridworld, the exact metrics and the regret at the angle.
+
+    Args:
+        jobs: Finished jobs of the sweep.
+        work: Work folder.
+        settings: Content of the sweep file, which is recorded.
+
+    Returns:
+        The table, the policies, and a summary with the numbers of jobs, runs and failures.
     """
     observed: dict[str, set[Any]] = {}
     for job in jobs:

@@ -75,7 +75,8 @@ class FindConflicts(OfDistinct):
         summary |= {"chains": len({row["chain"] for row in conflicts})}
         every_track = [recording.tracks for recording in recordings]
         users = users_used(every_track, [encounters.ways for encounters in every])
-        yields, weights = who_yields(conflicts), _weights(cases, self.seed)
+        yields = who_yields(conflicts)
+        weights = _weights(cases, self.seed)
         walkers = pedestrians(recordings, conflicts)
         summary |= {"road_users": users, "yielding": yields, "weights": weights}
         summary |= {"pedestrians": walkers}

@@ -133,7 +133,7 @@ class Import(Printing):
     def _import(
         self, folder: Path, columns: ColumnMap | None, failed: list[dict[str, str]]
     ) -> list[dict[str, Any]]:
-        """Import each file; one that can't be read is listed, and the others go on."""
+        """Import each file; one that can't be read is listed, and the import goes on."""
         stated = {"position": self.position_error, "speed": self.speed_error}
         stated = {name: value for name, value in stated.items() if value is not None}
         assumed = columns.error if columns else MeasurementError()
@@ -191,7 +191,12 @@ def classes_of(road_user: Int8[np.ndarray, " track"]) -> Counter[str]:
 
 
 def sum_of(rows: Sequence[Mapping[str, Any]], name: str) -> Counter[str]:
-    """Return the sums of counts by name that rows have."""
+    """Return the sums of counts by name that rows have.
+
+    Args:
+        rows: Rows with a cell of counts, each a mapping from a name to a number.
+        name: Name of that cell.
+    """
     return sum((Counter(row[name]) for row in rows), Counter[str]())
 
 
@@ -292,7 +297,8 @@ def users_used(
         used: Those of each that the results are about.
         why: The reason for which vehicles are left out; others are because they are no vehicles.
     """
-    read, kept = Counter[str](), Counter[str]()
+    read = Counter[str]()
+    kept = Counter[str]()
     for tracks, numbers in zip(recorded, used, strict=True):
         read += classes_of(tracks.road_user)
         kept += classes_of(tracks.road_user[sorted(numbers)])
@@ -301,7 +307,17 @@ def users_used(
 
 
 def account(read: Counter[str], used: Counter[str], why: Callable[[str], str]) -> list[Row]:
-    """Return the rows of `users_used` by the numbers of each class."""
+    """Return the rows of `users_used` by the numbers of each class.
+
+    Args:
+        read: Number of road users of each class that were read.
+        used: Number of those that the results are about.
+        why: Function that returns the reason for which road users of a class are left out.
+
+    Returns:
+        A row for each class that was read, in alphabetical order; without left-out ones its reason
+        is empty.
+    """
     rows: list[Row] = []
     for name, number in sorted(read.items()):
         left_out = number - used[name]
@@ -346,7 +362,14 @@ class OfDistinct(OfRecordings):
 
 
 def remark(recordings: Sequence[Recording], identified: Identified) -> None:
-    """Say on standard error what recordings have in common, and which are simulated."""
+    """Say on standard error what recordings have in common, and which are simulated.
+
+    It also says which have most of their vehicles' states on no lane.
+
+    Args:
+        recordings: The recordings.
+        identified: Their sites, chains and vehicles.
+    """
     with contextlib.redirect_stdout(sys.stderr):
         _show_overlaps(identified)
     say_if_apart(recordings)
@@ -360,12 +383,14 @@ def remark(recordings: Sequence[Recording], identified: Identified) -> None:
 def say_if_apart(recordings: Sequence[Recording]) -> None:
     """Say on standard error which recordings have most of their vehicles' states on no lane."""
     for recording in recordings:
-        tracks, name = recording.tracks, one_line(recording.tracks.recording, 60)
+        tracks = recording.tracks
+        name = one_line(recording.tracks.recording, 60)
         lines = [every_step(lanelet.centre) for lanelet in recording.road.lanelets.values()]
         rows = np.isin(tracks.road_user, VEHICLES)[tracks.track]
         if lines and rows.any():
             places = np.column_stack([tracks.x, tracks.y])[rows]
-            points, reach = np.concatenate(lines)[:, :2], np.hypot(OFF_THE_MAP, STEP / 2)
+            points = np.concatenate(lines)[:, :2]
+            reach = np.hypot(OFF_THE_MAP, STEP / 2)
             # No two places in a square with this diagonal are further apart.
             squares = (np.floor(at * np.sqrt(2.0) / reach) @ [1, 1j] for at in (places, points))
             if np.isin(*squares).mean() >= 0.5:

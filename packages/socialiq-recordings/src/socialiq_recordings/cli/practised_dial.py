@@ -1,11 +1,11 @@
-"""`train practised-dial`: dials of a recorded junction that also practise there."""
+"""`train practised-dial`: dials that also practise in the recorded junction."""
 
 import dataclasses
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
 
-from socialiq.cli.output import Display
+from socialiq.cli.output import Display, Policies
 from socialiq.cli.train.dial import OfflineDial
 from socialiq.cli.train.shared import CHUNK
 from socialiq.demonstrations.dataset import Demonstrations
@@ -39,11 +39,11 @@ class PractisedDial(OfflineDial):
         """Amount of practice."""
         return Practice(self.rounds, self.episodes, first_seed=self.first_seed)
 
-    def run(self) -> int:
-        """Train a dial for each seed, write the folder, print the outcome."""
+    def result(self) -> Policies:
+        """Train a dial for each seed, write the folder."""
         assert self.practice.span >= 0  # sizes that make no practice are refused at once
         RecordedWorld.load(Path(self.world))
-        return super().run()
+        return super().result()
 
     def practised(self) -> Row | None:
         """Return the record of practice."""
@@ -52,7 +52,18 @@ class PractisedDial(OfflineDial):
     def stages(
         self, number: int, static: Any, numbers: Any, data: Demonstrations, display: Display
     ) -> dict[str, Trained]:
-        """Train one dial with practice; return the outcome of each stage of its last training."""
+        """Train one dial with practice; return the outcome of each stage of its last training.
+
+        Args:
+            number: Number of the dial, from 0; each dial practises on its own seeds.
+            static: Structure of the dial, the same for all dials.
+            numbers: Hyperparameters and seed of the dial.
+            data: Demonstrations of the recorded drivers.
+            display: Display of the progress.
+
+        Returns:
+            Outcomes by the name of the stage; "dial" is the trained dial.
+        """
         if not self.rounds:
             return super().stages(number, static, numbers, data, display)
 

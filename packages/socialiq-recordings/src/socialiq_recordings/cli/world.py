@@ -1,4 +1,4 @@
-"""Commands on recorded junctions: world, demonstrations, census, a dial that practises there."""
+"""Commands on recorded junctions: world, demonstrations, census, a dial that practises in one."""
 
 import dataclasses
 import sys
@@ -24,7 +24,7 @@ from socialiq_recordings.cli.files import OfRecordings, load_all, remark, users_
 from socialiq_recordings.recording import PEOPLE
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.world.build import Made, build
-from socialiq_recordings.world.recorded_world import LEVELS, Lights, WorldConfig
+from socialiq_recordings.world.config import LEVELS, Lights, WorldConfig
 from socialiq_recordings.world.replay import Replayed, replay
 
 FEW = 0.05  # largest share of episodes with a situation never shown that is no warning
@@ -47,7 +47,16 @@ class Choices:
     """inferred: lines are closed where the first of a lane stood without a known reason; none."""
 
     def build(self, paths: tuple[Path, ...], road: Path | None, quiet: bool) -> Made:
-        """Build the world of some files, and say first what must be known of them."""
+        """Build the world of some files, and say first what must be known of them.
+
+        Args:
+            paths: Files of recordings, or folders of them.
+            road: Map of recordings without one; None if each has its own.
+            quiet: Whether remarks on the recordings are left out.
+
+        Raises:
+            UserError: If an option is bad, a file can't be read, or the recordings make no world.
+        """
         config = WorldConfig(**dataclasses.asdict(self))  # a bad option before the slow work
         recordings = load_all(paths, road)
         built = build(recordings, config)
@@ -186,7 +195,8 @@ class ToDemonstrations(OfRecordings):
         _check_every(self.every, self.choices)
         built = self.choices.build(self.recordings, self.road, self.json)
         replayed = replay(built.world, self.every, self.as_human)
-        counts, users = _counts_of(built, replayed), _users(built)
+        counts = _counts_of(built, replayed)
+        users = _users(built)
         quality = _quality(replayed, built.world.config.decisions)
         sha256 = demonstration_files.save(self.out, replayed.table, replace=False)
         if self.json:
@@ -259,7 +269,7 @@ def _users(built: Made, once: bool = True) -> list[Row]:
     """Return the numbers of road users that the recordings have and that are used.
 
     With `once`, drivers alone, and only one track of a vehicle that several recordings show at the
-    same moments; without, also the people who are replayed.
+    same moments; without, also the people that are replayed.
     """
     used = [
         {*of.ways} & kept
@@ -296,7 +306,8 @@ def _quality(replayed: Replayed, decisions: int) -> dict[str, Any]:
 def _counts_of(built: Made, replayed: Replayed) -> list[Row]:
     """Return a row of counts for each recording."""
     first = built.world.road.recording_first
-    table, rows = replayed.table, []
+    table = replayed.table
+    rows = []
     last = table.episode_starts + table.episode_lengths - 1
     for number, source in enumerate(built.world.provenance["recordings"]):
         of_recording = (replayed.vehicle >= first[number]) & (replayed.vehicle < first[number + 1])

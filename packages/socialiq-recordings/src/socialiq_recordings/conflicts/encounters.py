@@ -63,7 +63,7 @@ _START = 1.0  # m after a line's start within which an area begins there
 
 @dataclass(frozen=True, eq=False)
 class Area:
-    """Conflict area of two ways; where they merge, one vehicle follows the other from there on."""
+    """Conflict area of two ways; where they merge, one vehicle follows the second from then on."""
 
     kind: Conflict  # crossing or merging
     # coordinates at which the vehicles' swept areas begin to be in it, m
@@ -80,7 +80,7 @@ class Area:
         return self.kind != Conflict.CROSSING or self.angle >= CROSSING
 
     def swapped(self) -> Area:
-        """Return the area with the vehicles in the other order."""
+        """Return the area with the two vehicles exchanged."""
         return replace(self, entry=self.entry[::-1], exit=self.exit[::-1])
 
 
@@ -89,11 +89,21 @@ def area_of(
 ) -> Area | None:
     """Return the first area in which two ways cross or merge; None if there is none.
 
-    The map must agree: two lanelets of the routes are in conflict, or both routes enter one
-    lanelet from different lanelets, as in a change of lane. An area that begins where one of the
-    lines does is no conflict: the vehicles follow each other, or the first is past it. The swept
-    areas are Shapely's. If either follows no lanelets, no map is asked, and of several areas it is
-    the one that both were in closest in time.
+    The map must agree: two lanelets of the routes are in conflict, or both routes enter one lanelet
+    from different lanelets, as in a change of lane. An area that begins where one of the lines does
+    is no conflict: the vehicles follow each other, or the first is past it. If either follows no
+    lanelets, the map is not consulted, and of several areas it is the one that both were in closest
+    in time.
+
+    Args:
+        first: Way of the first vehicle.
+        second: Way of the second vehicle.
+        first_swept: Shapely's polygon that the first vehicle sweeps along its way, m.
+        second_swept: Shapely's polygon that the second vehicle sweeps, m.
+        lanes: Lanelets of the map, with the pairs that are in conflict.
+
+    Returns:
+        The area, with the first way's coordinates first.
     """
     on_map = bool(first.lanelets and second.lanelets)
     if on_map and all(
@@ -127,7 +137,8 @@ def _apart(first: Way, second: Way, area: Area) -> float:
 
 def _area(first: Way, second: Way, polygon: Any) -> Area | None:
     corners = np.array(polygon.exterior.coords)[:-1]
-    entry, end = [], []
+    entry = []
+    end = []
     for way in (first, second):
         along = way.line.coordinates(corners[:, 0], corners[:, 1]).along
         entry.append(float(along.min()))
@@ -150,7 +161,8 @@ def _area(first: Way, second: Way, polygon: Any) -> Area | None:
     # Ways that join are compared where they meet, ways that cross in the middle.
     at = entry if merging else middle
     angle = float(np.degrees(_between(first.line, at[0], second.line, at[1])))
-    kind, begin = Conflict.MERGING if merging else Conflict.CROSSING, (entry[0], entry[1])
+    kind = Conflict.MERGING if merging else Conflict.CROSSING
+    begin = entry[0], entry[1]
     place = float(polygon.centroid.x), float(polygon.centroid.y)
     return Area(kind, begin, begin if merging else (end[0], end[1]), angle, *place, corners)
 
@@ -174,15 +186,24 @@ def _between(first: Polyline, at: float, second: Polyline, second_at: float) -> 
 def held(scene: Scene, way: Way, frame: int) -> bool:
     """Whether the next light on a vehicle's route is near, ahead of its front, and closed.
 
-    A light is at the end of its lanelet. Lights without states in the file hold no driver. The
-    vehicle must be present at the frame.
+    A light is at the end of its lanelet. Lights without states in the file hold no driver.
+
+    Args:
+        scene: Recording on its road, with the lights of its lanelets.
+        way: Way of the vehicle.
+        frame: Frame of the recording at which the vehicle is present.
+
+    Returns:
+        False also for a vehicle that follows no lanelets.
     """
     if not way.lanelets:
         return False
-    matched, lanelets = scene.matched(way.track), scene.lanes.road.lanelets
+    matched = scene.matched(way.track)
+    lanelets = scene.lanes.road.lanelets
     front = way.state(frame)[0] + way.length / 2
     for number in matched.lanelets[int(matched.place[frame - way.first]) :]:
-        cycle, end = lanelets[number].cycle, lanelets[number].centre[-1:]
+        cycle = lanelets[number].cycle
+        end = lanelets[number].centre[-1:]
         if cycle is None:
             continue
         ahead = float(way.line.coordinates(end[:, 0], end[:, 1]).along[0]) - front
@@ -203,7 +224,7 @@ class Meeting:
 
     @cached_property
     def times(self) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:
-        """Times of the ego and of the other in the area at their speeds of each of the frames."""
+        """Times of the ego and of its partner in the area at their speeds of each of the frames."""
         sides = zip((self.ego, self.other), self.area.entry, self.area.exit, strict=True)
         ego_times, other_times = (motion.projections(*side, self.frames) for side in sides)
         return ego_times, other_times
@@ -241,7 +262,8 @@ class Encounters:
     def __init__(
         self, scene: Scene, config: ConflictConfig | None = None, everybody: bool = False
     ) -> None:
-        self.scene, self.config = scene, config or ConflictConfig()
+        self.scene = scene
+        self.config = config or ConflictConfig()
         drivers = [n for n in scene.vehicles.tolist() if n not in scene.free]
         met = [track for track in drivers if scene.matched(track).off <= OFF_THE_MAP]
         met += sorted(scene.free) if everybody else []
@@ -256,7 +278,14 @@ class Encounters:
         return InTime(self.ways, self.config.horizon)
 
     def area(self, first: int, second: int) -> Area | None:
-        """Return the conflict area of two tracks, the first one's coordinates first."""
+        """Return the conflict area of two tracks; None if there is none.
+
+        Areas are kept, so that each pair is intersected once.
+
+        Args:
+            first: Number of the track whose coordinates come first.
+            second: Number of the second track.
+        """
         pair = (min(first, second), max(first, second))
         if pair not in self._areas:
             ways = self.ways[pair[0]], self.ways[pair[1]]
@@ -278,12 +307,18 @@ class Encounters:
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
 
-        The scene has that motion on the same road, numbered newly; `ways` has the way there of each
-        track here that is there.
+        Args:
+            scene: The motion on the same road; its tracks are numbered newly.
+            ways: By the track's number here, the way in that scene, with its new number. Tracks
+                that are not in that scene are missing.
+
+        Returns:
+            A copy with these ways. This object stays as it is.
         """
         copied = copy.copy(self)
         copied.__dict__.pop("in_time", None)
-        copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
+        copied.scene = scene
+        copied.ways = {way.track: way for way in ways.values()}
         number = {track: way.track for track, way in ways.items()}
         copied._swept = {number[t]: value for t, value in self._swept.items() if t in number}
         copied._areas = {
@@ -299,7 +334,12 @@ class Encounters:
 
         Either both passed the area within `near` s and were in view together before the second
         arrived, or at one moment before either had left they would at their speeds. Both are the
-        first of their lanes then: who queues behind others meets them, not the crossing traffic.
+        first of their lanes then: a vehicle that queues behind others meets them, not the crossing
+        traffic.
+
+        Args:
+            ego: Number of the track whose conflict it is.
+            partner: Number of the second vehicle's track.
         """
         ways = self.ways[ego], self.ways[partner]
         together = motion.frames_together(*ways)
@@ -307,10 +347,12 @@ class Encounters:
         if area is None:
             return None
         sides = list(zip(ways, area.entry, area.exit, strict=True))
-        times, dt = [motion.recorded(*side) for side in sides], ways[0].dt
+        times = [motion.recorded(*side) for side in sides]
+        dt = ways[0].dt
         frames = together[together * dt < min(occupancy.leaves for occupancy in times)]
         late = 0 if times[0] > times[1] else 1
-        first, second = times[1 - late], times[late]
+        first = times[1 - late]
+        second = times[late]
         complete = bool(np.isfinite(first.leaves) and np.isfinite(second.enters))
         in_view = complete and together[0] * dt < second.enters
         met = in_view and second.enters - first.leaves <= self.config.near
@@ -325,7 +367,9 @@ class Encounters:
 
     def _on_course(self, meeting: Meeting) -> bool:
         """Whether two vehicles would once be in the area close in time, and are first in line."""
-        ego, partner, frames = meeting.ego, meeting.other, meeting.frames
+        ego = meeting.ego
+        partner = meeting.other
+        frames = meeting.frames
         first, second = (Occupancy(*times.T) for times in meeting.times)
         soon = np.maximum(first.enters, second.enters) <= frames * ego.dt + self.config.horizon
         close = soon & (motion.apart(first, second) <= self.config.near)
@@ -343,13 +387,25 @@ class Encounters:
         return self._ahead[way.track].holds(entry, but, len(way.along))
 
     def held(self, first: Way, second: Way, frame: int) -> bool:
-        """Whether a red light holds either of two vehicles at a frame."""
+        """Whether a red light holds either of two vehicles at a frame.
+
+        Args:
+            first: Way of one vehicle.
+            second: Way of the second vehicle.
+            frame: Frame of the recording at which both are present.
+        """
         return held(self.scene, first, frame) or held(self.scene, second, frame)
 
     def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
-        """Whether no other vehicle is on a way between its vehicle and the entry of an area, m.
+        """Whether no other vehicle is on a way between its vehicle and the entry of an area.
 
-        The track `but` doesn't count: the other vehicle of the conflict.
+        It always holds if vehicles that queue are in conflict, too (`ConflictConfig.queued`).
+
+        Args:
+            way: Way of the vehicle.
+            entry: Coordinate on the way at which the area begins, m.
+            frame: Frame of the recording at which the vehicle is present.
+            but: Number of the track that doesn't count: the second vehicle of the conflict.
         """
         return self.config.queued or not self._held_up(way, entry, but)[frame - way.first]
 

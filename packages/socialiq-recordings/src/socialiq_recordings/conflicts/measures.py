@@ -20,9 +20,15 @@ from socialiq_recordings.road.network import Conflict, Sign
 def post_encroachment_time(first_leaves: float, second_arrives: float) -> float:
     """Return the post-encroachment time (PET) of a conflict area, s.
 
-    Time from the moment at which the first vehicle's rear leaves the area to that at which the
-    second one's front arrives (Allen, Shin and Cooper 1978, Transportation Research Record 667).
-    Below 0 if both were in it at once.
+    The time between the two vehicles in the area (Allen, Shin and Cooper 1978, Transportation
+    Research Record 667).
+
+    Args:
+        first_leaves: Time at which the first vehicle's rear leaves the area, s.
+        second_arrives: Time at which the second vehicle's front arrives at it, s.
+
+    Returns:
+        Below 0 if both were in it at once.
     """
     return second_arrives - first_leaves
 
@@ -30,9 +36,16 @@ def post_encroachment_time(first_leaves: float, second_arrives: float) -> float:
 def time_to_collision(gap: float, speed: float, leader_speed: float) -> float:
     """Return the time to collision (TTC) with a leader on the same path, s.
 
-    Time until two vehicles collide if both keep their speeds, m/s, and paths (Hayward 1972, Highway
-    Research Record 384). The gap is from the follower's front to the leader's rear, m. Infinite if
-    it does not close; 0 if there is none.
+    Time until two vehicles collide if both keep their speeds and paths (Hayward 1972, Highway
+    Research Record 384).
+
+    Args:
+        gap: Distance from the follower's front to the leader's rear, m.
+        speed: Speed of the follower, m/s.
+        leader_speed: Speed of the leader, m/s.
+
+    Returns:
+        Infinite if the gap does not close; 0 if there is no gap.
     """
     if gap <= 0:
         return 0.0
@@ -44,9 +57,16 @@ def time_to_collision_crossing(first: tuple[float, float], second: tuple[float, 
     """Return the time to collision of two vehicles on paths that cross, s.
 
     With present speeds and paths they collide if both are in the conflict area at one time, when
-    the later one arrives (Hayward 1972; for right angles van der Horst 1990, A time-based
-    analysis of road user behaviour in normal and critical encounters, TU Delft). Of each, s until
-    its front arrives at the area, and until its rear leaves.
+    the later one arrives (Hayward 1972; for right angles van der Horst 1990, A time-based analysis
+    of road user behaviour in normal and critical encounters, TU Delft).
+
+    Args:
+        first: Times of the first vehicle, s from now: until its front arrives at the area, and
+            until its rear leaves it. Infinite for never.
+        second: The same times of the second vehicle.
+
+    Returns:
+        Infinite if the vehicles do not collide; 0 if both are in the area now.
     """
     arrives = max(first[0], second[0])
     meet = arrives < min(first[1], second[1])
@@ -56,9 +76,16 @@ def time_to_collision_crossing(first: tuple[float, float], second: tuple[float, 
 def required_deceleration(gap: float, speed: float, leader_speed: float) -> float:
     """Return the deceleration rate to avoid a crash with a leader (DRAC), m/s².
 
-    The constant deceleration at which the follower reaches the leader's speed as the gap closes,
-    (v - v_l)² / (2 gap) (Cooper and Ferguson 1976, Traffic Engineering and Control 17). The gap is
-    from front to rear, m; speeds in m/s. 0 if the gap does not close; infinite if there is none.
+    The constant deceleration at which the follower reaches the leader's speed as the gap closes, (v
+    - v_l)² / (2 gap) (Cooper and Ferguson 1976, Traffic Engineering and Control 17).
+
+    Args:
+        gap: Distance from the follower's front to the leader's rear, m.
+        speed: Speed of the follower, m/s.
+        leader_speed: Speed of the leader, m/s.
+
+    Returns:
+        0 if the gap does not close; infinite if there is no gap.
     """
     closing = speed - leader_speed
     if closing <= 0:
@@ -70,9 +97,18 @@ def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> 
     """Return the least constant deceleration to arrive at a conflict area after some time, m/s².
 
     The crossing form of the same measure (Cooper and Ferguson 1976; Gettman and Head 2003,
-    FHWA-RD-03-050): a vehicle that brakes from now on has not arrived before the other has left.
-    Either it still moves then, v t - b t²/2 = gap, or it has stopped at the area, b = v²/(2 gap).
-    The gap is from its front to the area, m; the time is infinite if the other stands there.
+    FHWA-RD-03-050): a vehicle that brakes from now on has not arrived before the first one has
+    left. Either it still moves then, v t - b t²/2 = gap, or it has stopped at the area, b = v²/(2
+    gap).
+
+    Args:
+        gap: Distance from the vehicle's front to the area, m.
+        speed: Speed of the vehicle, m/s.
+        seconds: Time until the first one has left, s; infinite if it stands in the area.
+
+    Returns:
+        0 if the vehicle stands or arrives later at its speed; infinite if it would arrive earlier
+        and has no gap.
     """
     if speed <= 0 or speed * seconds <= gap:
         return 0.0
@@ -84,17 +120,32 @@ def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> 
 
 
 _DECIDING = 5.0  # s before the first enters an area in which speeds show who would be first
-_TURN_BEFORE, _TURN_AFTER = 30.0, 20.0  # m before and behind an area between which a way turns
+_TURN_BEFORE = 30.0  # m before an area, from which on the turn of a way is measured
+_TURN_AFTER = 20.0  # m behind an area, up to which it is measured
 
 
 def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
-    """Return a row for each conflict of a recording; a number that isn't known is None."""
-    tracks, rows = encounters.scene.tracks, []
+    """Return a row for each conflict of a recording; a number that isn't known is None.
+
+    Args:
+        encounters: Encounters of the recording.
+        meetings: Conflicts to describe, each an ordered pair.
+
+    Returns:
+        Rows in the order of `meetings`. `ego` and `other` are the numbers of the vehicles in the
+        file. Angles and turns are in degrees, places in m, speeds in m/s, decelerations in m/s²;
+        times are in s, those of entering and leaving from frame 0.
+    """
+    tracks = encounters.scene.tracks
+    rows = []
     identity = tracks.identity
     for meeting in meetings:
-        area, ego, partner = meeting.area, meeting.ego, meeting.other
+        area = meeting.area
+        ego = meeting.ego
+        partner = meeting.other
         gap, lag = gaps(encounters, meeting)
-        times, other_times = meeting.ego_times, meeting.other_times
+        times = meeting.ego_times
+        other_times = meeting.other_times
         now = (meeting.frames * meeting.ego.dt)[:, None]
         first, second = (times - now for times in meeting.times)
         # At other moments vehicles that cross would not be in the area at one time.
@@ -161,7 +212,8 @@ def lost(meeting: Meeting) -> float:
     moment up to 5 s before the first of the two entered, both in view. A swerve without a loss of
     time is none, and whom a red light or a turn slows loses like others.
     """
-    enters, now = meeting.ego_times.enters, meeting.frames * meeting.ego.dt
+    enters = meeting.ego_times.enters
+    now = meeting.frames * meeting.ego.dt
     first = min(enters, meeting.other_times.enters)
     moments = (now <= first) & (now >= first - _DECIDING)
     if not (meeting.complete and math.isfinite(first) and moments.any()):
@@ -191,6 +243,14 @@ def ttc_at(meeting: Meeting, frame: int, times: Times) -> float:
     """Return the time to collision at a frame, s.
 
     Where ways merge, the second vehicle may also reach the first behind the line.
+
+    Args:
+        meeting: Conflict of the two vehicles.
+        frame: Frame of the recording, one of the conflict's.
+        times: Times of the ego and of its partner in the area at their speeds of the frame.
+
+    Returns:
+        Infinite if they do not collide.
     """
     now = frame * meeting.ego.dt
     ego_times, other_times = ((times_in.enters - now, times_in.leaves - now) for times_in in times)
@@ -212,8 +272,20 @@ def _following(meeting: Meeting, first: int, frame: int) -> tuple[float, float, 
 
 
 def required_at(meeting: Meeting, frame: int, times: Times) -> float:
-    """Return the deceleration that the ego needs at a frame, m/s²; 0 if it would arrive first."""
-    now, ego = frame * meeting.ego.dt, meeting.ego
+    """Return the deceleration that the ego needs at a frame, m/s²; 0 if it would arrive first.
+
+    Where ways merge, it is the larger of the decelerations for the area and behind the leader.
+
+    Args:
+        meeting: Conflict of the two vehicles.
+        frame: Frame of the recording, one of the conflict's.
+        times: Times of the ego and of its partner in the area at their speeds of the frame.
+
+    Returns:
+        0 also if the ego is in the area already.
+    """
+    now = frame * meeting.ego.dt
+    ego = meeting.ego
     ego_times, other_times = times
     if ego_times.enters <= other_times.enters or ego_times.enters <= now:
         return 0.0
@@ -237,18 +309,27 @@ def _hardest(meeting: Meeting) -> float:
 
 
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
-    """Return the gap and the lag that the ego accepted before the other vehicle, s.
+    """Return the gap and the lag that the ego accepted before the second vehicle, s.
 
-    The stream is the vehicles that enter the area by the other's lanelet (Raff and Hart 1950, A
-    volume warrant for urban stop signs, Eno Foundation). A gap is the time between the arrivals of
-    the two of them between which the ego passed, front to front. A lag is the time from the ego's
-    arrival to the next one's, where none came before. NaN: not accepted, or not recorded.
+    The stream is the vehicles that enter the area by the second vehicle's lanelet (Raff and Hart
+    1950, A volume warrant for urban stop signs, Eno Foundation). A gap is the time between the
+    arrivals of the two of them between which the ego passed, front to front. A lag is the time from
+    the ego's arrival to the next one's, where none came before.
+
+    Args:
+        encounters: Encounters of the recording, whose vehicles are the stream.
+        meeting: Conflict of the ego with the second vehicle.
+
+    Returns:
+        Gap and lag; at most one of them is a number. NaN: not accepted, or not recorded.
     """
-    after, arrives = meeting.other_times.enters, meeting.ego_times.enters
+    after = meeting.other_times.enters
+    arrives = meeting.ego_times.enters
     if not (meeting.complete and meeting.ego_first and meeting.other.lanelets):
         return math.nan, math.nan
     lanelet = _lanelet_at(encounters, meeting.other, meeting.area.entry[1])
-    before, between = -math.inf, False
+    before = -math.inf
+    between = False
     dt = meeting.ego.dt
     # Who is seen first after the other arrives is no next one of the stream.
     for way in encounters.in_time.earlier(after / dt):
@@ -277,15 +358,36 @@ def _lanelet_at(encounters: Encounters, way: Way, coordinate: float) -> int:
 
 
 def turn(way: Way, entry: float, end: float) -> float:
-    """Return the change of direction over a conflict area, degrees, positive to the left."""
+    """Return the change of direction over a conflict area, degrees, positive to the left.
+
+    Args:
+        way: Way of the vehicle.
+        entry: Coordinate on it at which the area begins, m.
+        end: Coordinate at which the area ends, m.
+
+    Returns:
+        The change from 30 m before the area to 20 m behind it, or on the part of it that the line
+        has.
+    """
     at = np.clip([entry - _TURN_BEFORE, end + _TURN_AFTER], 0.0, way.line.length)
     before, after = way.line.points_at(at)[1].tolist()
     return math.degrees(wrapped(after - before))
 
 
 def sign(encounters: Encounters, way: Way, partner: Way) -> str:
-    """Return the last right-of-way sign on a route up to the lanelet in conflict."""
-    lanes, last, crossed = encounters.scene.lanes, Sign.NONE, None
+    """Return the last right-of-way sign on a route up to the lanelet in conflict.
+
+    Args:
+        encounters: Encounters of the recording, whose map has the signs.
+        way: Way of the vehicle, whose route is followed.
+        partner: Way of the second vehicle, whose lanelets are in conflict with the route.
+
+    Returns:
+        Name of the `Sign` in small letters; "none" if the route has no sign, or no lanelet.
+    """
+    lanes = encounters.scene.lanes
+    last = Sign.NONE
+    crossed = None
     if way.lanelets and not partner.lanelets:
         area = encounters.area(way.track, partner.track)
         crossed = None if area is None else _lanelet_at(encounters, way, area.entry[0])

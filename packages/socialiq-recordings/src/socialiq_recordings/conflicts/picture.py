@@ -17,12 +17,23 @@ _INKS = (COLORS["prosocial"], COLORS["egoistic"])
 
 
 def picture(encounters: Encounters, meeting: Meeting, row: Row) -> Figure:
-    """Draw a conflict: both ways on the map, and both distances to the area over time."""
+    """Draw a conflict: both ways on the map, and both distances to the area over time.
+
+    Args:
+        encounters: Encounters of the recording; its map and its other road users are drawn, too.
+        meeting: The conflict. The ego is A in the picture, its partner B.
+        row: Its row of `measures.rows_of`, whose measures stand in the title.
+
+    Returns:
+        The map at the last frame at which both are present before the first enters the area, and to
+        its right the distances from the fronts to the area, m, over the time, s.
+    """
     drawing = figure(9.0, 4.3)
     drawing.set_dpi(85)
     left, right = drawing.subplots(1, 2, width_ratios=(1.15, 1.0))
     _map(left, encounters, meeting)
-    ways, both_times = (meeting.ego, meeting.other), (meeting.ego_times, meeting.other_times)
+    ways = meeting.ego, meeting.other
+    both_times = meeting.ego_times, meeting.other_times
     sides = zip("AB", _INKS, ways, both_times, meeting.area.entry, strict=True)
     for below, (letter, ink, way, times, entry) in enumerate(sides):
         time = (way.first + np.arange(len(way.along))) * way.dt
@@ -30,7 +41,8 @@ def picture(encounters: Encounters, meeting: Meeting, row: Row) -> Figure:
         right.plot(time, front, color=ink, label=f"{letter}, recorded")
         if np.isfinite(times.enters):
             end = times.leaves if np.isfinite(times.leaves) else times.enters
-            ends, height = [times.enters, max(end, times.enters + 0.1)], -1.5 - 1.5 * below
+            ends = [times.enters, max(end, times.enters + 0.1)]
+            height = -1.5 - 1.5 * below
             bar = {"linewidth": 5, "solid_capstyle": "butt", "label": f"{letter} in the area"}
             right.plot(ends, [height] * 2, color=ink, **bar)
     right.axhline(0.0, color="#888888", linewidth=0.8)
@@ -52,16 +64,20 @@ def picture(encounters: Encounters, meeting: Meeting, row: Row) -> Figure:
 
 def _map(axes: Any, encounters: Encounters, meeting: Meeting) -> None:
     """Draw the last frame at which both are present before the first enters the area."""
-    area, scene, ways = meeting.area, encounters.scene, (meeting.ego, meeting.other)
+    area = meeting.area
+    scene = encounters.scene
+    ways = meeting.ego, meeting.other
     for lanelet in scene.lanes.road.lanelets.values():
         for bound in (lanelet.left, lanelet.right):
             axes.plot(*bound.T, color="#bbbbbb", linewidth=0.6)
     axes.add_patch(Polygon(area.outline, color="#f0c000", alpha=0.5, zorder=2))
     enters = min(meeting.ego_times.enters, meeting.other_times.enters)
-    low, high = max(way.first for way in ways), min(way.last for way in ways)
+    low = max(way.first for way in ways)
+    high = min(way.last for way in ways)
     moment = high if np.isinf(enters) else int(enters / meeting.ego.dt)
     frame = int(np.clip(moment, low, high))
-    tracks, rows = scene.tracks, scene.present(frame)
+    tracks = scene.tracks
+    rows = scene.present(frame)
     for row in rows[~np.isin(tracks.track[rows], [way.track for way in ways])].tolist():
         track = tracks.track[row]
         size = float(tracks.length[track]), float(tracks.width[track])

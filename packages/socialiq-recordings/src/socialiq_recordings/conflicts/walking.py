@@ -16,18 +16,29 @@ from socialiq_recordings.road.network import area_of, shapely
 STANDS = 0.3  # m/s; who is slower stands
 RUNS = 2.1  # m/s; where people change from walking (Hreljac 1993, Med. Sci. Sports Exerc. 25, 1158)
 KERB = 3.0  # m from the edge of the lanelets to either side, since maps and people err
-SPEED, RUNNING, GAP = "walking speed, m/s", "runs, share", "gap or lag accepted, s"
-AT_KERB, WAITED, ON_ROAD = "stood at the kerb, s", "of these 1 s or more, s", "stood on the road, s"
-ON_GREEN, GREEN = "steps onto the road on green, share", "green, share of time"
+SPEED = "walking speed, m/s"
+RUNNING = "runs, share"
+GAP = "gap or lag accepted, s"
+AT_KERB = "stood at the kerb, s"
+WAITED = "of these 1 s or more, s"
+ON_ROAD = "stood on the road, s"
+ON_GREEN = "steps onto the road on green, share"
+GREEN = "green, share of time"
 _LEAST = 1.0  # s that a pedestrian must walk for a speed, and stand for a wait
 
 
 def pedestrians(recordings: Sequence[Recording], conflicts: Sequence[Row]) -> list[Row]:
     """Return a row for each quantity of each recording with pedestrians, and of all of them.
 
-    `number` counts pedestrians, of shares of time recordings; `low` and `high` are the quantiles of
-    15 and 85 %. A quantity that nothing recorded shows has the number 0. `conflicts` are rows of
-    `measures.rows_of`.
+    Args:
+        recordings: Recordings; those without pedestrians have no rows.
+        conflicts: Rows of `measures.rows_of`, for the gaps and lags that pedestrians accepted.
+
+    Returns:
+        Rows by recording, and last of all together (`recording` is "all") if there are two or more.
+        `number` counts pedestrians, or conflicts for accepted gaps, or recordings for the share of
+        green time; it is 0 for a quantity that no recording shows. `low` and `high` are the
+        quantiles of 15 and 85 %.
     """
     values: dict[str, defaultdict[str, list[float]]] = {}
     for recording in recordings:
@@ -59,16 +70,19 @@ def pedestrians(recordings: Sequence[Recording], conflicts: Sequence[Row]) -> li
 
 def _measured(recording: Recording) -> Iterator[tuple[str, float]]:
     """Yield each quantity that a pedestrian of a recording shows, and its value."""
-    tracks, starts = recording.tracks, recording.tracks.starts
+    tracks = recording.tracks
+    starts = recording.tracks.starts
     walkers = np.flatnonzero(tracks.road_user == RoadUser.PEDESTRIAN).tolist()
     if not walkers:
         return
-    inside, green = _inside(recording), _green(tracks)
+    inside = _inside(recording)
+    green = _green(tracks)
     if green is not None:
         yield GREEN, float(green[int(tracks.frame.min()) :].mean())
     speeds = np.hypot(tracks.vx, tracks.vy)
     for rows in (slice(*starts[track : track + 2]) for track in walkers):
-        depth, speed = inside[rows], speeds[rows]
+        depth = inside[rows]
+        speed = speeds[rows]
         moves = speed >= STANDS
         walked = speed[moves & ~(depth <= 0.0)]  # anywhere in the view if there are no lanelets
         if len(walked) * tracks.dt >= _LEAST:
@@ -90,7 +104,8 @@ def _measured(recording: Recording) -> Iterator[tuple[str, float]]:
 
 def _inside(recording: Recording) -> Float64[np.ndarray, " state"]:
     """Return how far each state is inside the lanelets' edge, m; NaN if there are none."""
-    tracks, library = recording.tracks, shapely()
+    tracks = recording.tracks
+    library = shapely()
     if not recording.road.lanelets:
         return np.full(tracks.n_states, np.nan)
     road = library.union_all([area_of(lanelet) for lanelet in recording.road.lanelets.values()])

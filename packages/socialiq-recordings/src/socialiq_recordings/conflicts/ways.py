@@ -1,4 +1,4 @@
-"""Ways of vehicles: the line that each drove, when it was where, and who is on whose way."""
+"""Ways of vehicles: the line that each drove, its times on it, and other vehicles on it."""
 
 from __future__ import annotations
 
@@ -88,29 +88,45 @@ class Way:
 
 
 def way_of(scene: Scene, track: int) -> Way:
-    """Return the way of a vehicle, by the number of its track."""
-    tracks, rows = scene.tracks, scene.rows(track)
+    """Return the way of a vehicle.
+
+    Args:
+        scene: Recording on its road.
+        track: Number of the vehicle's track.
+
+    Returns:
+        The line as driven, continued along the route, and coordinate and speed on it at each frame.
+    """
+    tracks = scene.tracks
+    rows = scene.rows(track)
     points = np.stack([tracks.x[rows], tracks.y[rows]], axis=1)
-    spaced, passed = points[:1].tolist(), []
+    spaced = points[:1].tolist()
+    passed = []
     for point in points.tolist():
         if math.dist(point, spaced[-1]) >= SPACING:
             spaced.append(point)
         passed.append(len(spaced))
-    driven, heading = np.array(spaced), float(tracks.heading[rows.start])
+    driven = np.array(spaced)
+    heading = float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
     onwards = _onwards(scene, track, driven[-1])
     line = Polyline(np.concatenate([back[None], driven, onwards]))
     # The coordinate of each state, searched near the one before, since a line may cross itself or
     # turn back beside itself: all at once, until those before are those that are found.
-    along, begin, starts = line.starts[passed], 0, line.starts
+    along = line.starts[passed]
+    begin = 0
+    starts = line.starts
     while begin < len(points):
         coordinate = np.append(BEHIND, along)[begin:-1]
         low = np.maximum(starts.searchsorted(coordinate - 2 * SPACING, side="right") - 1, 0)
         count = starts.searchsorted(coordinate + 8.0, side="right") - low
-        index, columns = np.arange(len(low)), np.arange(count.max())
+        index = np.arange(len(low))
+        columns = np.arange(count.max())
         segment = np.minimum(low[:, None] + columns, len(starts) - 1)
-        low_end, high_end = np.zeros(segment.shape), line.lengths[segment]
-        low_end[count > 1, 0], high_end[index, count - 1] = -np.inf, np.inf
+        low_end = np.zeros(segment.shape)
+        high_end = line.lengths[segment]
+        low_end[count > 1, 0] = -np.inf
+        high_end[index, count - 1] = np.inf
         pieces = [*line.segments[:4, segment], low_end, high_end]
         inside, _, distance = on_segments(points[begin:, :1], points[begin:, 1:], *pieces)
         piece = np.where(columns < count[:, None], distance, np.inf).argmin(axis=1)
@@ -121,8 +137,10 @@ def way_of(scene: Scene, track: int) -> Way:
         along = np.append(along[:begin], reached)
         begin = begin + int(differs[0]) + 1 if len(differs) else len(points)
     # Central differences over `SMOOTHED`, one-sided at the ends; 0 for one state.
-    half, frames = max(round(SMOOTHED / tracks.dt / 2), 1), np.arange(len(along))
-    first, last = np.maximum(frames - half, 0), np.minimum(frames + half, len(along) - 1)
+    half = max(round(SMOOTHED / tracks.dt / 2), 1)
+    frames = np.arange(len(along))
+    first = np.maximum(frames - half, 0)
+    last = np.minimum(frames + half, len(along) - 1)
     speed = (along[last] - along[first]) / np.maximum((last - first) * tracks.dt, tracks.dt)
     states = int(tracks.frame[rows.start]), line, along, speed
     size = float(tracks.length[track]), float(tracks.width[track])
@@ -156,7 +174,15 @@ def _onwards(scene: Scene, track: int, last: np.ndarray) -> Float64[np.ndarray, 
 
 
 def frames_together(first: Way, second: Way) -> Int64[np.ndarray, " frame"]:
-    """Return the frames at which both vehicles are present."""
+    """Return the frames at which both vehicles are present.
+
+    Args:
+        first: Way of one vehicle.
+        second: Way of the second vehicle.
+
+    Returns:
+        Frames in ascending order; empty if the vehicles are never present together.
+    """
     return np.arange(max(first.first, second.first), min(first.last, second.last) + 1)
 
 
@@ -171,7 +197,17 @@ class Occupancy(NamedTuple):
 
 
 def recorded(way: Way, entry: float, end: float) -> Occupancy:
-    """Return the recorded times in an area between two coordinates, m."""
+    """Return the recorded times of a vehicle in an area on its way.
+
+    Args:
+        way: Way of the vehicle.
+        entry: Coordinate at which the area begins, m.
+        end: Coordinate at which the area ends, m.
+
+    Returns:
+        Times in s from frame 0. Minus infinity: before the vehicle's first frame; infinity: not
+        until its last.
+    """
     half = way.length / 2
     return Occupancy(way.reached(entry - half) * way.dt, way.reached(end + half) * way.dt)
 
@@ -179,9 +215,23 @@ def recorded(way: Way, entry: float, end: float) -> Occupancy:
 def projections(
     way: Way, entry: float, end: float, frames: Int64[np.ndarray, " frame"]
 ) -> Float64[np.ndarray, "frame 2"]:
-    """Return `enters` and `leaves` at the speed of each frame; those that have passed: recorded."""
-    (along, speed), now = way.states(frames), frames * way.dt
-    past, half, times = recorded(way, entry, end), way.length / 2, []
+    """Return the times of a vehicle in an area at the speed of each frame.
+
+    Args:
+        way: Way of the vehicle.
+        entry: Coordinate at which the area begins, m.
+        end: Coordinate at which the area ends, m.
+        frames: Frames of the recording at which the vehicle is present.
+
+    Returns:
+        `enters` and `leaves` in s from frame 0, a row for each frame. A time that has passed at the
+        frame is the recorded one; a later one is infinite for a vehicle slower than `STANDING`.
+    """
+    along, speed = way.states(frames)
+    now = frames * way.dt
+    past = recorded(way, entry, end)
+    half = way.length / 2
+    times = []
     moving = np.where(speed >= STANDING, speed, 1.0)
     for before, coordinate in zip(past, (entry - half, end + half), strict=True):
         later = np.where(speed >= STANDING, now + (coordinate - along) / moving, np.inf)
@@ -190,21 +240,47 @@ def projections(
 
 
 def projected(way: Way, entry: float, end: float, frame: int) -> Occupancy:
-    """Return the times at the speed of one frame."""
+    """Return the times of a vehicle in an area at its speed of one frame.
+
+    Args:
+        way: Way of the vehicle.
+        entry: Coordinate at which the area begins, m.
+        end: Coordinate at which the area ends, m.
+        frame: Frame of the recording at which the vehicle is present.
+
+    Returns:
+        Times in s from frame 0, as `projections` returns them.
+    """
     return Occupancy(*projections(way, entry, end, np.array([frame]))[0].tolist())
 
 
 def expected(way: Way, entry: float, end: float) -> Occupancy:
-    """Return the recorded times, or where a vehicle was not seen so far, those projected."""
+    """Return the recorded times in an area, or those projected where they were not recorded.
+
+    Args:
+        way: Way of the vehicle.
+        entry: Coordinate at which the area begins, m.
+        end: Coordinate at which the area ends, m.
+
+    Returns:
+        Times in s from frame 0. What comes after the vehicle's last frame is projected at the speed
+        of that frame.
+    """
     later = projected(way, entry, end, way.last)
     pairs = zip(recorded(way, entry, end), later, strict=True)
     return Occupancy(*(a if np.isfinite(a) or a < 0 else b for a, b in pairs))
 
 
 def apart(first: Occupancy, second: Occupancy) -> Any:
-    """Return the time between two occupancies, s; 0 if they overlap; of numbers or arrays.
+    """Return the time between two occupancies, s; 0 if they overlap.
 
-    Infinity if one never arrives, or both had left before they came into view.
+    Args:
+        first: Times of one vehicle in the area, s; numbers or arrays.
+        second: Times of the second vehicle, of the same shape.
+
+    Returns:
+        An array of that shape. Infinity if one never arrives, or both had left before they came
+        into view.
     """
     with np.errstate(invalid="ignore"):
         gaps = second.enters - first.leaves, first.enters - second.leaves
@@ -238,16 +314,21 @@ class OnWay(NamedTuple):
     length: OfVehicles  # m
 
     def without(self, track: int) -> OnWay:
-        """Return the others."""
+        """Return all vehicles but that of one track."""
         return OnWay(*(column[self.track != track] for column in self))
 
 
 def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
     """Return the vehicles whose rectangles are on a way at a frame, driving as it leads.
 
-    They are narrower by `slack`, m, than recorded.
+    Args:
+        scene: Recording on its road.
+        way: Way of a vehicle, which itself is left out.
+        frame: Frame of the recording.
+        slack: Width by which vehicles are narrower than recorded, m.
     """
-    tracks, rows = scene.tracks, scene.present(frame)
+    tracks = scene.tracks
+    rows = scene.present(frame)
     rows = rows[tracks.track[rows] != way.track]
     positions = way.line.coordinates(tracks.x[rows], tracks.y[rows])
     turned = wrapped(tracks.heading[rows] - positions.heading)
@@ -259,31 +340,55 @@ def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
 
 
 class Ahead(NamedTuple):
-    """Vehicles on a way ahead of its own vehicle, at all frames of it, a row for each and frame."""
+    """Vehicles on a way ahead of the vehicle that drives it; a row for each vehicle and frame."""
 
     moment: Int64[np.ndarray, " row"]  # frames after the way's first
     track: Int64[np.ndarray, " row"]  # number of the track
     along: Float64[np.ndarray, " row"]  # coordinate of its middle on the way, m
 
     def holds(self, entry: float, but: int, moments: int) -> Bool[np.ndarray, " moment"]:
-        """Return at which moments one is before a coordinate, m; the track `but` doesn't count."""
+        """Return at which moments a vehicle is before a coordinate of the way.
+
+        Args:
+            entry: The coordinate, m.
+            but: Number of a track that doesn't count.
+            moments: Number of frames of the way.
+
+        Returns:
+            A value for each frame of the way, from its first.
+        """
         held = np.zeros(moments, bool)
         held[self.moment[(self.along < entry) & (self.track != but)]] = True
         return held
 
 
 def ahead_of(scene: Scene, way: Way, slack: float) -> Ahead:
-    """Return the vehicles of `on_way` that are on the line ahead; only near ones are compared."""
-    tracks, moments, columns = scene.tracks, np.arange(len(way.along)), []
+    """Return the vehicles of `on_way` that are on the line ahead; only near ones are compared.
+
+    Args:
+        scene: Recording on its road.
+        way: Way of a vehicle, which itself is left out.
+        slack: Width by which vehicles are narrower than recorded, m.
+
+    Returns:
+        Rows for all frames of the way, in the order of the frames.
+    """
+    tracks = scene.tracks
+    moments = np.arange(len(way.along))
+    columns = []
     west, south, east, north = way.box
     for block in np.split(moments, moments[_MOMENTS::_MOMENTS]):
         every = [scene.present(way.first + moment) for moment in block.tolist()]
-        rows, moment = np.concatenate(every), np.repeat(block, [len(rows_of) for rows_of in every])
-        x, y = tracks.x[rows], tracks.y[rows]
+        rows = np.concatenate(every)
+        moment = np.repeat(block, [len(rows_of) for rows_of in every])
+        x = tracks.x[rows]
+        y = tracks.y[rows]
         near = (x > west - _BESIDE) & (x < east + _BESIDE) & (y > south - _BESIDE)
         near &= (y < north + _BESIDE) & (tracks.track[rows] != way.track)
-        rows, moment = rows[near], moment[near]
-        positions, number = way.line.coordinates(x[near], y[near]), tracks.track[rows]
+        rows = rows[near]
+        moment = moment[near]
+        positions = way.line.coordinates(x[near], y[near])
+        number = tracks.track[rows]
         turned = wrapped(tracks.heading[rows] - positions.heading)
         inside = in_the_way(way, positions.lateral, turned, tracks.width[number], slack)
         inside &= positions.along > way.along[moment]
@@ -294,22 +399,45 @@ def ahead_of(scene: Scene, way: Way, slack: float) -> Ahead:
 def in_the_way(
     way: Way, lateral: OfVehicles, turned: OfVehicles, width: OfVehicles, slack: float
 ) -> Bool[np.ndarray, " vehicle"]:
-    """Whether vehicles beside a way overlap what it sweeps, and drive as it leads.
+    """Whether vehicles near a way overlap what it sweeps, and drive as it leads.
 
-    Their middles lie beside it, m, their headings are turned to it, rad; all are narrower by
-    `slack`, m, than recorded.
+    Args:
+        way: Way of a vehicle, which sweeps its width.
+        lateral: Distances of the vehicles' middles from the line, m, with either sign.
+        turned: Their headings relative to the line's direction, rad in [-π, π]; below 45 degrees
+            they drive as it leads.
+        width: Their widths as recorded, m.
+        slack: Width by which all are narrower than recorded, m.
     """
     beside = np.abs(lateral) < (way.width + width) / 2 - slack
     return beside & (np.abs(turned) < _SAME_DIRECTION)
 
 
 def leader(way: Way, along: float, vehicles: OnWay) -> Near:
-    """Return the next vehicle on a way ahead of the follower's middle at a coordinate, m."""
+    """Return the next vehicle on a way ahead of a follower.
+
+    Args:
+        way: Way of the follower.
+        along: Coordinate of the follower's middle on it, m.
+        vehicles: Vehicles on the way, of one frame.
+
+    Returns:
+        The nearest whose middle is ahead by less than 100 m; `Near()` if there is none.
+    """
     return _next(way, vehicles.along - along, vehicles)
 
 
 def follower(way: Way, along: float, vehicles: OnWay) -> Near:
-    """Return the next vehicle behind a coordinate, as `leader` does ahead."""
+    """Return the next vehicle on a way behind a coordinate, as `leader` does ahead.
+
+    Args:
+        way: Way of the vehicle that is followed.
+        along: Coordinate of its middle on it, m.
+        vehicles: Vehicles on the way, of one frame.
+
+    Returns:
+        The nearest whose middle is behind by less than 100 m; `Near()` if there is none.
+    """
     return _next(way, along - vehicles.along, vehicles)
 
 
@@ -326,7 +454,9 @@ class InTime:
     """Ways by track, sorted by their first frames, so that look-ups cost little."""
 
     def __init__(self, ways: Mapping[int, Way], horizon: float = 0.0) -> None:
-        self.ways, self._every, self.horizon = ways, list(ways.values()), horizon
+        self.ways = ways
+        self._every = list(ways.values())
+        self.horizon = horizon
         first = np.array([way.first for way in self._every], np.int64)
         self._last = np.array([way.last for way in self._every], np.int64)
         self._order = np.argsort(first, kind="stable")
@@ -335,15 +465,19 @@ class InTime:
 
     @cached_property
     def _boxes(self) -> Float64[np.ndarray, "2 way 4"]:
-        every, horizon = self._every, self.horizon
+        every = self._every
+        horizon = self.horizon
         boxes = [way.box for way in every], [way.box_within(horizon) for way in every]
         return np.array(boxes).reshape(2, -1, 4)
 
     def between(self, first: int | float, last: int | float, near: Way | None = None) -> list[Way]:
-        """Return the ways that are seen between two frames, both included, in their order.
+        """Return the ways that are seen between two frames, in the order of `ways`.
 
-        With another way, only those that may reach an area in common within the horizon: most ways
-        end here.
+        Args:
+            first: First frame, included; a fraction is possible.
+            last: Last frame, included.
+            near: Another way. With it, only ways are returned that may reach an area in common
+                within the horizon; most pairs of ways end here.
         """
         begin = np.searchsorted(self._first, first - self.longest, side="left")
         end = np.searchsorted(self._first, last, side="right")

@@ -28,12 +28,13 @@ def group_of(kind: str) -> str:
 
 
 def who_yields(conflicts: Sequence[Row]) -> list[Row]:
-    """Return a row for each pair of groups: conflicts, order of passing, and who gave way.
+    """Return a row for each pair of groups: conflicts, order of passing, and yielding.
 
     `conflicts` has two rows for each conflict (`measures.rows_of`). `of_first` counts those in
     which the one of the first group passed first, `of_yielded` those in which it passed second and
     lost at least `YIELDED`; of two of one group, either. `first_lost` counts the conflicts in which
-    who passed first lost as much: for nothing, so about as many of the others did by chance.
+    the road user that passed first lost as much. Such a loss is not yielding, so chance explains
+    about as many of the losses of those that passed second.
     """
     rows: list[Row] = []
     for of, to in combinations_with_replacement(dict.fromkeys(GROUPS.values()), 2):
@@ -88,7 +89,8 @@ def stakes_of(meeting: Meeting) -> Stakes | None:
     (arrives, leaves), (other_arrives, other_leaves) = (
         times[frames[-1]] for times in meeting.times
     )
-    own_wait, other_wait = max(other_leaves - arrives, 0.0), max(leaves - other_arrives, 0.0)
+    own_wait = max(other_leaves - arrives, 0.0)
+    other_wait = max(leaves - other_arrives, 0.0)
     if not np.isfinite([own_wait, other_wait]).all():
         return None
     return Stakes(float(own_wait), float(other_wait), not meeting.ego_first)
@@ -127,10 +129,19 @@ def weight(
 ) -> Weight | None:
     """Estimate the weight that the order of passing shows, by maximum likelihood.
 
-    The interval has 95 %, over resampled clusters. None with fewer than 20 contested conflicts or
-    two clusters. The order is the outcome of both: if the one goes whose wait costs more, and they
-    weigh each other's by w and v, tan φ is (1 + w) / (1 + v). So 45 degrees is who comes first
-    goes first, and two egoists can't be told from two who are polite.
+    The order is the outcome of both: if the one goes whose wait costs more, and they weigh each
+    other's by w and v, tan φ is (1 + w) / (1 + v). So at 45 degrees the first to come is the first
+    to go, and two egoists can't be told from two polite road users.
+
+    Args:
+        stakes: Stakes of each pair (`stakes_of`).
+        cluster: Number of each pair's cluster; pairs of one cluster are not independent.
+        seed: Seed of the resampling.
+        resamples: Number of times that the clusters are drawn again.
+
+    Returns:
+        The estimate with an interval of 95 %, over resampled clusters. None with fewer than 20
+        contested conflicts or two clusters.
     """
     clusters, index = np.unique(cluster, return_inverse=True)
     if sum(pair.contested for pair in stakes) < _FEWEST or len(clusters) < 2:
@@ -151,9 +162,19 @@ def weight(
 def recovered(
     stakes: Sequence[Stakes], sharpness: float = 1.0, seed: int = 0, draws: int = 200
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield known angles, and between which 95 % of the estimates lie where they are true.
+    """Yield known angles, and the range of 95 % of the estimates where they are true.
 
-    The stakes are those recorded, who passes second is drawn.
+    The waits are those recorded; the road user that passes second is drawn.
+
+    Args:
+        stakes: Recorded stakes of each pair, whose order of passing is not used.
+        sharpness: Sharpness of the drivers' choices that are drawn, 1/s.
+        seed: Seed of the draws.
+        draws: Number of times that the order of all pairs is drawn, for each angle.
+
+    Yields:
+        The true angle, 30, 45 and 60 degrees, and the quantiles of 2.5 and 97.5 % of the estimates,
+        degrees.
     """
     own_wait, other_wait, _ = np.array(stakes, np.float64).T
     random = np.random.default_rng(seed)

@@ -57,25 +57,27 @@ class Placement:
     shift: Float64[np.ndarray, " 2"]  # m, after the turn
 
     def of(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
-        """Return x, y and direction in the other frame."""
+        """Return x, y and direction in the second frame."""
         return np.column_stack(
             [points[:, :2] @ self._matrix.T + self.shift, points[:, 2:] + self.turn]
         )
 
     def back(self, points: Float64[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
-        """Return the points of the other frame in the first."""
+        """Return points of the second frame in the first."""
         moved = (points[:, :2] - self.shift) @ self._matrix
         return np.column_stack([moved, points[:, 2:] - self.turn])
 
     @property
     def _matrix(self) -> np.ndarray:
-        cos, sin = np.cos(self.turn), np.sin(self.turn)
+        cos = np.cos(self.turn)
+        sin = np.sin(self.turn)
         return np.array([[cos, -sin], [sin, cos]])
 
 
 def shape_of(recording: Recording) -> Shape:
     """Return the centre lines of a recording's lanelets, or the paths of its tracks without any."""
-    lanelets, tracks = recording.road.lanelets.values(), recording.tracks
+    lanelets = recording.road.lanelets.values()
+    tracks = recording.tracks
     lines = [lanelet.centre for lanelet in lanelets] or np.split(
         np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1]
     )
@@ -88,10 +90,17 @@ def shape_of(recording: Recording) -> Shape:
 
 
 def shared(first: Shape, second: Shape) -> tuple[float, float]:
-    """Return the share of each shape's points that lie on the other, best aligned.
+    """Return the share of each shape's points that lie on its partner, best aligned.
 
     Shapes that are straight fit everywhere along themselves, and paths of vehicles scatter: both
     are compared in the frames that they are written in.
+
+    Args:
+        first: Lines of one recording.
+        second: Lines of the second recording, in a frame that may differ.
+
+    Returns:
+        Shares in [0, 1], that of the first shape's points first; 0 if a shape has no point.
     """
     if not len(first.points) or not len(second.points):
         return 0.0, 0.0
@@ -124,10 +133,15 @@ def shared(first: Shape, second: Shape) -> tuple[float, float]:
 
 
 def fits_by_chance(first: Shape, second: Shape, least: float) -> bool:
-    """Whether the mirror image of a shape fits the other as well, and only once it is placed.
+    """Whether a shape's mirror image fits the second shape as well, and only once it is placed.
 
-    No place is the mirror image of another: a small shape that is found in a large one either way
-    says nothing of where it is. Shapes that agree in the frames that they are written in do.
+    No place is the mirror image of another. A small shape that fits a large one in both forms does
+    not show its place. Shapes that agree in the frames that they are written in do.
+
+    Args:
+        first: Lines of one recording, which are mirrored.
+        second: Lines of the second recording.
+        least: Smallest share of either shape's points on its partner that counts as a fit.
     """
     beside = BESIDE if first.of_road and second.of_road else _BESIDE_PATH
     if max(_overlap(first, second, Placement(0.0, np.zeros(2)), beside)) >= least:
@@ -139,14 +153,16 @@ def fits_by_chance(first: Shape, second: Shape, least: float) -> bool:
 def _overlap(
     first: Shape, second: Shape, placement: Placement, beside: float
 ) -> tuple[float, float]:
-    """Return the shares of points that lie on the other shape, once placed."""
-    there, here = placement.back(first.points), placement.of(second.points)
+    """Return the shares of points that lie on each shape's partner, once placed."""
+    there = placement.back(first.points)
+    here = placement.of(second.points)
     return _on(there, second, beside), _on(here, first, beside)
 
 
 def _on(points: np.ndarray, lines: Shape, beside: float) -> float:
     distance, nearest = lines.tree.query(points[:, :2], k=min(4, len(lines.points)))
-    distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
+    distance = distance.reshape(len(points), -1)
+    nearest = nearest.reshape(len(points), -1)
     near = lines.points[nearest]
     apart = points[:, None, :2] - near[..., :2]
     lateral = apart[..., 1] * np.cos(near[..., 2]) - apart[..., 0] * np.sin(near[..., 2])
@@ -162,14 +178,15 @@ def _bends(points: np.ndarray) -> float:
 
 
 def _placed(fixed: Shape, turning: Shape, turn: float) -> Placement:
-    """Return the placement of the other's points on the one's with about this turn."""
+    """Return the placement of the turning points on the fixed ones with about this turn."""
     turned = Placement(turn, np.zeros(2)).of(turning.points)
     few, voters = (points[:: 1 + len(points) // _MOST_VOTES] for points in (fixed.points, turned))
     # Cosines cost less than angles, and only those near the limit or above need the angle.
     unit, units = (np.array([np.cos(at[:, 2]), np.sin(at[:, 2])]) for at in (few, voters))
     first, second = np.nonzero(unit.T @ units > np.cos(_TURNED / 2) - 1e-6)
     same = np.abs(wrapped(few[first, 2] - voters[second, 2])) < _TURNED / 2
-    first, second = first[same], second[same]
+    first = first[same]
+    second = second[same]
     if not len(first):
         return Placement(turn, np.zeros(2))
     votes = np.round((few[first, :2] - voters[second, :2]) / (STEP / 2)).astype(np.int64)
@@ -185,7 +202,8 @@ def _placed(fixed: Shape, turning: Shape, turn: float) -> Placement:
         use = (distance < reach) & (np.abs(wrapped(line[:, 2] - moved[:, 2])) < _TURNED)
         if use.sum() < 5:
             return placement
-        moved, line = moved[use], line[use]
+        moved = moved[use]
+        line = line[use]
         across = np.column_stack([-np.sin(line[:, 2]), np.cos(line[:, 2])])
         arm = moved[:, :2] - moved[:, :2].mean(axis=0)
         matrix = np.column_stack([across, arm[:, 0] * across[:, 1] - arm[:, 1] * across[:, 0]])
@@ -225,7 +243,8 @@ class Motion:
     """Tracks prepared for comparisons, with the speed of each state, m/s."""
 
     def __init__(self, tracks: Tracks) -> None:
-        self.tracks, self.speed = tracks, np.hypot(tracks.vx, tracks.vy)
+        self.tracks = tracks
+        self.speed = np.hypot(tracks.vx, tracks.vy)
         self._length = _STRIDES * max(1, round(1.0 / _STRIDES / tracks.dt))  # frames of a second
 
     @cached_property
@@ -263,7 +282,8 @@ class Motion:
 
     def resampled(self) -> Motion:
         """Return the tracks with states every 0.1 s, linear in between."""
-        tracks, step = self.tracks, _COMMON_STEP
+        tracks = self.tracks
+        step = _COMMON_STEP
         columns: dict[str, list[np.ndarray]] = {name: [] for name in STATES}
         for track, first in enumerate(tracks.starts[:-1]):
             rows = slice(first, tracks.starts[track + 1])
@@ -280,17 +300,32 @@ class Motion:
 
 
 def in_common(motion: Motion, other_motion: Motion) -> Common | None:
-    """Return the moments that two recordings have in common; None if none are found."""
+    """=
+
+    Recordings with different steps between frames are compared every 0.1 s.
+
+    Args:
+        motion: Tracks of one recording.
+        other_motion: Tracks of the second recording, whose frame and clock may differ.
+
+    Returns:
+        The lag of the clocks, the duration in common and the vehicles that both recordings show,
+        one row of two track numbers for each.
+    """
     if abs(motion.tracks.dt - other_motion.tracks.dt) > 1e-9:
-        motion, other_motion = motion.resampled(), other_motion.resampled()
-    (rows, speeds), chosen, other_rows = motion.seconds, motion.proposed, other_motion.seconds[0]
+        motion = motion.resampled()
+        other_motion = other_motion.resampled()
+    rows, speeds = motion.seconds
+    chosen = motion.proposed
+    other_rows = other_motion.seconds[0]
     if not len(chosen) or not len(other_rows):
         return None
     # Pairs of tracks with a second of equal speeds, and the lag in frames of each.
     near = other_motion.tree.query_ball_point(speeds[chosen], SAME_SPEED, p=np.inf)
     states = np.repeat(rows[chosen], [len(windows) for windows in near])
     other_states = other_rows[np.concatenate([*near, []]).astype(np.int64)]
-    tracks, tracks_there = motion.tracks, other_motion.tracks
+    tracks = motion.tracks
+    tracks_there = other_motion.tracks
     pairs = np.column_stack([tracks.track[states], tracks_there.track[other_states]]).astype(
         np.int64
     )
@@ -327,15 +362,19 @@ def _placement(
     count = min(first + end - start, other_first + other_end - other_start) - begin
     if max(count, 0) * motion.tracks.dt < 1.0 - 1e-9:
         return None
-    start, other_start = start + begin - first, other_start + begin - other_first
-    rows, other_rows = slice(start, start + count), slice(other_start, other_start + count)
+    start = start + begin - first
+    other_start = other_start + begin - other_first
+    rows = slice(start, start + count)
+    other_rows = slice(other_start, other_start + count)
     speeds = np.abs(motion.speed[rows] - other_motion.speed[other_rows])
     a = np.column_stack([motion.tracks.x[rows], motion.tracks.y[rows]])
     b = np.column_stack([other_motion.tracks.x[other_rows], other_motion.tracks.y[other_rows]])
     if np.median(speeds) > SAME_SPEED or np.hypot(*np.ptp(a, axis=0)) < _LEAST_PATH:
         return None
-    centre, other_centre = a.mean(axis=0), b.mean(axis=0)
-    a, b = a - centre, b - other_centre
+    centre = a.mean(axis=0)
+    other_centre = b.mean(axis=0)
+    a = a - centre
+    b = b - other_centre
     turn = np.arctan2((b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]).sum(), (a * b).sum())
     about = Placement(float(turn), np.zeros(2))
     shift = centre - about.of(np.array([[*other_centre, 0.0]]))[0, :2]
@@ -356,7 +395,8 @@ def _matched(
     if met.sum() < FEWEST_STATES:
         return None
     # States with a partner, of those that both recordings could have seen.
-    frames, points = motion.tracks.frame + lag, motion.places(0)[:, :2]
+    frames = motion.tracks.frame + lag
+    points = motion.places(0)[:, :2]
     inside = _within(moved, points) & np.isin(other_motion.tracks.frame, frames)
     covered = _within(points, moved) & np.isin(frames, other_motion.tracks.frame)
     fewer = min(int(inside.sum()), int(covered.sum()))
@@ -382,5 +422,6 @@ def _matched(
 
 def _within(points: np.ndarray, box: np.ndarray) -> np.ndarray:
     """Whether points lie in the axis-parallel box around others."""
-    low, high = box.min(axis=0) - SAME_PLACE, box.max(axis=0) + SAME_PLACE
+    low = box.min(axis=0) - SAME_PLACE
+    high = box.max(axis=0) + SAME_PLACE
     return ((points >= low) & (points <= high)).all(axis=1)

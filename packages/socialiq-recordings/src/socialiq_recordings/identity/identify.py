@@ -127,10 +127,12 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
     """Return a forest of recordings at one site; each pair of shapes is compared once.
 
     Two maps that lie on each other are one site, whatever else lies on them. A map that lies in a
-    larger one belongs there, too; but one that lies in maps of several sites would fit anywhere,
-    since no place is in two: it joins none of them.
+    larger one belongs to that site, too; but one that lies in maps of several sites would fit
+    anywhere, since no place is in two: it joins none of them.
     """
-    sites, shapes, keys = list(range(len(recordings))), dict[bytes, Shape](), list[bytes]()
+    sites = list(range(len(recordings)))
+    shapes = dict[bytes, Shape]()
+    keys = list[bytes]()
     shares: dict[tuple[bytes, bytes], tuple[float, float]] = {}
     for recording in recordings:
         shape = alignment.shape_of(recording)
@@ -165,7 +167,8 @@ def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]
 
 def _persisting(recording: Recording, other_recording: Recording) -> tuple[tuple[int, int], ...]:
     """Return tracks of equal number and size, if they are more than a binomial chance gives."""
-    tracks, other_tracks = recording.tracks, other_recording.tracks
+    tracks = recording.tracks
+    other_tracks = other_recording.tracks
     _, a, b = np.intersect1d(tracks.identity, other_tracks.identity, return_indices=True)
     if not len(a):
         return ()
@@ -214,7 +217,12 @@ def same_moments(identified: Identified) -> dict[Place, set[Place]]:
 
 
 def once(sizes: Mapping[Key, float], same: Callable[[Key], Iterable[Key]]) -> set[Key]:
-    """Return the largest of each group of equal keys, `same` of one; the first of one size."""
+    """Return the largest of each group of equal keys; of keys of one size the first.
+
+    Args:
+        sizes: Size of each key.
+        same: Function that returns the keys that are equal to a key.
+    """
     largest: set[Key] = set()
     for item in sorted(sizes, key=lambda key: -sizes[key]):
         if not largest.intersection(same(item)):
@@ -223,7 +231,16 @@ def once(sizes: Mapping[Key, float], same: Callable[[Key], Iterable[Key]]) -> se
 
 
 def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place]:
-    """Return the tracks of some recordings that none of them shows for longer."""
+    """Return the tracks of some recordings that none of them shows for longer.
+
+    Args:
+        recorded: Tracks of each recording, in the order of `identified`.
+        identified: Vehicles that the recordings show at the same moments.
+
+    Returns:
+        Pairs of the index of a recording and the number of a track in it. Each vehicle that several
+        recordings show at the same moments is in one pair.
+    """
     same = same_moments(identified)
     sizes = {
         (recording, track): float(count)
@@ -238,7 +255,13 @@ def pairs_once(
 ) -> set[tuple[int, int, int]]:
     """Return the pairs of tracks that are kept: of two that show one conflict, the longer.
 
-    Durations are by recording, ego and other.
+    Args:
+        sizes: Duration of each pair. A key is the index of a recording and the numbers of the ego's
+            track and of its partner's.
+        identified: Vehicles that the recordings show at the same moments.
+
+    Returns:
+        The keys that are kept.
     """
     same = same_moments(identified)
 
@@ -265,6 +288,11 @@ def identify_distinct(
     recordings: Sequence[Recording], duplicates: Duplicates = "drop"
 ) -> Identified:
     """Return sites, chains and vehicles of recordings.
+
+    Args:
+        recordings: Recordings, each with its own frame and clock.
+        duplicates: Treatment of moments that several recordings show; only "refuse" has an effect
+            here.
 
     Raises:
         UserError: If two recordings have one name, or moments are in common and `duplicates` is

@@ -1,9 +1,9 @@
 """Scenarios of Argoverse 2 motion forecasting: a Parquet table of tracks, and a map in JSON.
 
 The layout: Wilson et al., "Argoverse 2: Next generation datasets for self-driving perception and
-forecasting" (NeurIPS 2021 datasets): `scenario_ID.parquet`, and `log_map_archive_ID.json` beside.
-Parquet is read by pyarrow (extra `parquet`). The makers' own package av2 reads the same two files,
-but needs PyTorch, OpenCV, kornia and PyAV for it.
+forecasting" (NeurIPS 2021 datasets): `scenario_ID.parquet`, and `log_map_archive_ID.json` in the
+same folder. Parquet is read by pyarrow (extra `parquet`). The makers' own package av2 reads the
+same two files, but needs PyTorch, OpenCV, kornia and PyAV for it.
 """
 
 import functools
@@ -41,14 +41,16 @@ _STATES = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
 
 
 def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Imported:
-    """Read a scenario, `scenario_ID.parquet`, with the map beside it, if there is one.
+    """Read a scenario, `scenario_ID.parquet`, with the map in its folder, if there is one.
 
     Raises:
         UserError: If a file can't be read, lacks a column, has more states than `most_states`, or
             no track can be used.
     """
     table = _table(path, most_states)
-    kinds, gathered, names = table["object_type"], tracks.Gathered(path), []
+    kinds = table["object_type"]
+    gathered = tracks.Gathered(path)
+    names = []
     gathered.n_states = len(kinds)
     for kind in _OBJECTS:
         gathered.note(kind, int((kinds == kind).sum()))
@@ -58,11 +60,13 @@ def read_argoverse(path: Path, most_states: int = tracks.MOST_STATES) -> Importe
     order = np.lexsort([table["timestep"][users], number])
     ends = np.flatnonzero(np.diff(number[order])) + 1
     for track in np.split(users[order], ends) if len(users) else []:
-        name, kind = one_line(str(table["track_id"][track[0]]), 60), str(kinds[track[0]])
+        name = one_line(str(table["track_id"][track[0]]), 60)
+        kind = str(kinds[track[0]])
         states = np.stack([table[column][track] for column in _STATES])
         again = tracks.repeated(table["timestep"][track], states)
         gathered.note("repeated state", int(again.sum()))
-        track, states = track[~again], states[:, ~again]
+        track = track[~again]
+        states = states[:, ~again]
 
         def row(at: int, rows: np.ndarray = track) -> str:
             return f"row {rows[at] + 1}: "
@@ -138,7 +142,8 @@ def read_map(path: Path) -> RoadNetwork:
 
 
 def _lanelet(segment: dict[str, Any]) -> Lanelet:
-    bounds, beside = [], []
+    bounds = []
+    beside = []
     for side in ("left", "right"):
         points = [(float(at["x"]), float(at["y"])) for at in segment[f"{side}_lane_boundary"]]
         bounds.append(np.array(points).reshape(-1, 2))

@@ -101,7 +101,9 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
         if not isinstance(section, dict):
             raise UserError(f"{table} must be a table: write [{table}]")
         _only(table, section, _TABLES.get(table, tuple(section)))
-    time, users, axes = sections["time"], sections["road_users"], sections["axes"]
+    time = sections["time"]
+    users = sections["road_users"]
+    axes = sections["axes"]
     separator = _choice("separator", content.get("separator", ","), (",", ";", "\t", "|", " "))
     order = _choice("time.order", time.get("order", "ascending"), ("ascending", "any"))
     rate, rate_file = _rate(time)

@@ -42,10 +42,15 @@ class _Draft(RoadDraft):
 
     def __init__(self, path: Path, most_states: int) -> None:
         super().__init__(path)
-        self._most, self._gathered = most_states, tracks.Gathered(path)
+        self._most = most_states
+        self._gathered = tracks.Gathered(path)
         self._attributes: dict[str, str] = {}
-        self._in_seconds, self._tags, self._dt, self._n_intervals = False, "", 0.0, 0
-        self._frames, self._values = array("q"), array("d")  # x, y, heading, velocity, slip, vy
+        self._in_seconds = False
+        self._tags = ""
+        self._dt = 0.0
+        self._n_intervals = 0
+        self._frames = array("q")
+        self._values = array("d")  # x, y, heading, velocity, slip and vy of each frame
         self._fault = ""
         self._identities: set[int] = set()
 
@@ -121,7 +126,9 @@ class _Draft(RoadDraft):
             self._tags = " ".join(tag.tag for tag in element)
         elif not self.add(element) and kind != "location":
             self._gathered.note(kind)
-        self._frames, self._values, self._fault = array("q"), array("d"), ""
+        self._frames = array("q")
+        self._values = array("d")
+        self._fault = ""
 
     def _add_track(self, element: Element) -> None:
         try:
@@ -137,10 +144,12 @@ class _Draft(RoadDraft):
             raise ValueError("its prediction is a set of regions, not a trajectory")
         if self._fault or not self._frames:
             raise ValueError(self._fault or "no state: it has no initial state and no trajectory")
-        frames, rows = np.array(self._frames, np.int64), np.array(self._values).reshape(-1, 6)
+        frames = np.array(self._frames, np.int64)
+        rows = np.array(self._values).reshape(-1, 6)
         again = tracks.repeated(frames, rows.T)
         self._gathered.note("repeated state", int(again.sum()))
-        frames, rows = frames[~again], rows[~again]
+        frames = frames[~again]
+        rows = rows[~again]
         tracks.check_frames(frames)
         if np.isnan(rows[:, 2]).any():
             mass = np.isnan(rows[:, 2])

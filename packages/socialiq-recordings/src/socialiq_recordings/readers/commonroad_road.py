@@ -52,13 +52,22 @@ class RoadDraft:
     """Builder of a road network from a file's lanelets, signs and lights, in any order."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self._elements = path, Elements(path)
+        self.path = path
+        self._elements = Elements(path)
         self._signs: dict[int, tuple[Sign, float]] = {}
         self._references: dict[int, tuple[int, ...]] = {}
         self._cycles: dict[int, Cycle] = {}
 
     def root(self, name: str, attributes: dict[str, str]) -> None:  # noqa: ARG002
-        """Refuse a file of another kind."""
+        """Refuse a file of another kind.
+
+        Args:
+            name: Name of the first element.
+            attributes: Attributes of that element, which are not read here.
+
+        Raises:
+            UserError: If the element is not that of CommonRoad.
+        """
         if name != "commonRoad":
             raise UserError(
                 f"{self.path} is not a CommonRoad file: its first element is {one_line(name, 40)}"
@@ -92,7 +101,9 @@ class RoadDraft:
             return default
 
     def _add_sign(self, element: Element, name: str) -> None:
-        identity, sign, limit = whole_number(element.attrib["id"]), Sign.NONE, np.inf
+        identity = whole_number(element.attrib["id"])
+        sign = Sign.NONE
+        limit = np.inf
         for item in element.findall("trafficSignElement"):
             number = text_of(item, "trafficSignID")
             sign = max(sign, xml.SIGNS.get(number, Sign.NONE))
@@ -104,7 +115,8 @@ class RoadDraft:
         self._signs[identity] = sign, limit
 
     def _add_light(self, element: Element, name: str) -> None:
-        identity, dark = whole_number(element.attrib["id"]), text_of(element, "active") == "false"
+        identity = whole_number(element.attrib["id"])
+        dark = text_of(element, "active") == "false"
         self._signs[identity] = Sign.NONE if dark else Sign.LIGHT, np.inf
         cycle = (
             None if dark else self._read_detail(None, name, lambda: _cycle(element.find("cycle")))
@@ -158,7 +170,12 @@ class RoadDraft:
 
 
 def text_of(element: Element, name: str) -> str:
-    """Return the text of a child, "" without one."""
+    """Return the text of a child without spaces around it; "" without that child.
+
+    Args:
+        element: Element that has the child.
+        name: Name of the child.
+    """
     return (element.findtext(name) or "").strip()
 
 

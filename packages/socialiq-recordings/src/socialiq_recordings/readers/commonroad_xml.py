@@ -75,7 +75,12 @@ class Consumer(Protocol):
     """Protocol of a receiver of a file's elements."""
 
     def root(self, name: str, attributes: dict[str, str]) -> None:
-        """Receive the first element."""
+        """Receive the first element.
+
+        Args:
+            name: Name of the element.
+            attributes: Its attributes.
+        """
 
     def state(self, state: State) -> None:
         """Receive a state; `element` follows after the last state of its obstacle or problem."""
@@ -117,7 +122,8 @@ def whole_number(text: str) -> int:
 
 class _Stream:
     def __init__(self, path: Path, consumer: Consumer) -> None:
-        self._path, self._consumer = path, consumer
+        self._path = path
+        self._consumer = consumer
         self._parser = expat.ParserCreate()
         self._parser.buffer_text = True
         self._parser.StartDoctypeDeclHandler = self._refuse_doctype
@@ -200,7 +206,8 @@ class _Stream:
 
     def _end_of_state(self) -> Callable[[str], None]:
         """Return the handler of the end of an element inside a state; the inner loop of reading."""
-        texts, consumer = self._texts, self._consumer
+        texts = self._texts
+        consumer = self._consumer
         state: State = {}
 
         def end(name: str) -> None:

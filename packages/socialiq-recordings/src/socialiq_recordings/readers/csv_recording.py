@@ -31,14 +31,21 @@ def read_csv(
 ) -> list[Imported]:
     """Read the recordings of a CSV file; rows that can't be read are dropped and counted.
 
-    The lanes of a road give standing vehicles their heading. `stated` is added to the provenance.
+    Args:
+        path: The file.
+        columns: Its column map.
+        most_states: Most rows that are read.
+        road: Road whose lanes give standing vehicles their heading; None for no road.
+        stated: Entries that are added to the provenance; with them the origin of the file is not
+            read.
 
     Raises:
         UserError: If a file is missing, empty, lacks a column or has too many rows, more than half
             of its rows have a fault, or no track can be used; the line has the row or the id.
     """
     table = Table(path, columns.separator, most_states)
-    texts, whole = frozenset({"recording", "class"}), frozenset({"id", "frame"})
+    texts = frozenset({"recording", "class"})
+    whole = frozenset({"id", "frame"})
     table.read(columns.columns, texts, whole, columns.optional)
     dt = 1 / csv_table.rate_of(path, columns)
     frame = csv_table.frames_of(table, columns, dt)
@@ -102,12 +109,14 @@ class _Draft:
         order = np.argsort(identity, kind="stable")
         if self.columns.any_order:
             order = np.lexsort((self.frame[rows], identity))
-        rows, identity = rows[order], identity[order]
+        rows = rows[order]
+        identity = identity[order]
         new = np.diff(identity) != 0
         if self.columns.repeated_ids:
             new |= np.diff(self.frame[rows]) > 1
         starts = np.concatenate([[0], np.flatnonzero(new) + 1, [len(rows)]]).tolist()
-        table, scales = self.table, self.columns.scales
+        table = self.table
+        scales = self.columns.scales
         if "heading" in table:
             heading = table["heading"][rows]
             far = np.abs(heading * scales["heading"]) > _LARGEST_HEADING
@@ -128,7 +137,8 @@ class _Draft:
         standing = []
 
         def take(first: int, end: int) -> None:
-            track, user = rows[first:end], None
+            track = rows[first:end]
+            user = None
             try:
                 user = self._user(track)
                 read[first] = track, user, self._states(track, user)
@@ -155,7 +165,8 @@ class _Draft:
 
     def _distinct(self, rows: np.ndarray) -> np.ndarray:
         """Return the rows without exact repetitions of a state, which are counted."""
-        identity, frame = self.table["id"][rows], self.frame[rows]
+        identity = self.table["id"][rows]
+        frame = self.frame[rows]
         order = np.lexsort((rows, frame, identity))
         again = np.append(False, (np.diff(identity[order]) == 0) & (np.diff(frame[order]) == 0))
         if not again.any():
@@ -219,7 +230,8 @@ class _Draft:
 
     def _states(self, track: np.ndarray, user: tracks.User) -> np.ndarray:
         """Return five rows: x, y, heading, vx, vy."""
-        table, kind, length, width = self.table, *user
+        table = self.table
+        kind, length, width = user
         try:
             tracks.check_frames(self.frame[track], lambda row: table.row_name(track[row]))
         except ValueError as error:
@@ -233,17 +245,20 @@ class _Draft:
         self._check("x or y", track, x + y)
         if self.columns.point == "corner":
             # The upper left corner of an axis-parallel box, with y as in the file.
-            x, y = x + length / 2, y + width / 2 * -up
+            x = x + length / 2
+            y = y + width / 2 * -up
         y = up * y
         heading, vx, vy = self._motion(track, x, y, kind == RoadUser.PEDESTRIAN)
         if self.columns.point == "front":
-            x, y = x - length / 2 * np.cos(heading), y - length / 2 * np.sin(heading)
+            x = x - length / 2 * np.cos(heading)
+            y = y - length / 2 * np.sin(heading)
         return np.stack([x, y, heading, vx, vy])
 
     def _motion(
         self, track: np.ndarray, x: np.ndarray, y: np.ndarray, walks: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        table, scales = self.table, self.columns.scales
+        table = self.table
+        scales = self.columns.scales
         up = -1.0 if self.columns.y_down else 1.0
         vx, vy = tracks.smoothed(x, y, self.dt)
         if "vx" in table:
@@ -272,7 +287,8 @@ class _Draft:
         if "speed" in table:
             speed = table["speed"][track] * scales["velocity"]
             self._check("the speed", track, speed)
-            vx, vy = speed * np.cos(heading), speed * np.sin(heading)
+            vx = speed * np.cos(heading)
+            vy = speed * np.sin(heading)
         return wrapped_heading(heading), vx, vy
 
     def _check(self, what: str, track: np.ndarray, values: np.ndarray) -> None:

@@ -38,12 +38,15 @@ class Table:
     def __init__(
         self, path: Path, separator: str, most_rows: int, codes: dict[str, int] | None = None
     ) -> None:
-        self.path, self.n_rows, self.dropped = path, 0, 0
+        self.path = path
+        self.n_rows = 0
+        self.dropped = 0
         # Of each word in the column `id`; tables of one recording share it.
         self.codes: dict[str, int] = {} if codes is None else codes
         self.words: dict[str, dict[str, int]] = {}  # number of each word, by column
         self.faults: dict[int, str] = {}  # of the first row dropped, by `id`
-        self._separator, self._most = separator, most_rows
+        self._separator = separator
+        self._most = most_rows
         self._columns: dict[str, list[np.ndarray]] = {}
         self._numbers = np.zeros(0, np.int64)
         self._bad: dict[int, str] = {}
@@ -56,7 +59,12 @@ class Table:
         return name in self._columns
 
     def word(self, name: str, number: int) -> str:
-        """Return the word with a number in a column of text."""
+        """Return the word with a number in a column of text.
+
+        Args:
+            name: Our name of the column.
+            number: Number that the table has in the place of the word.
+        """
         return next(word for word, index in self.words[name].items() if index == number)
 
     def row_name(self, row: int | np.integer) -> str:
@@ -66,10 +74,15 @@ class Table:
     def read(
         self, columns: Names, texts: Kinds, integers: Kinds, optional: tuple[str, ...] = ()
     ) -> None:
-        """Read columns of the file, its names by ours.
+        """Read columns of the file.
 
-        Texts and whole numbers are named; the others are numbers, NaN for an empty cell. The file
-        may lack optional columns.
+        Columns that are neither texts nor whole numbers are numbers, NaN for an empty cell.
+
+        Args:
+            columns: The file's names of the columns, by ours.
+            texts: Our names of the columns of text, whose words are numbered.
+            integers: Our names of the columns of whole numbers.
+            optional: The file's names of columns that it may lack.
 
         Raises:
             UserError: If the file is missing, empty, too large or lacks a column, or more than half
@@ -102,7 +115,8 @@ class Table:
         if self.n_rows == len(self._blank):
             raise UserError(f"{self.path} has no row but its header: name a file with states")
         self._columns = {name: [np.concatenate(pieces)] for name, pieces in self._columns.items()}
-        self._numbers, stays = np.arange(self.n_rows), np.ones(self.n_rows, bool)
+        self._numbers = np.arange(self.n_rows)
+        stays = np.ones(self.n_rows, bool)
         stays[self._blank] = False
         row_now = self._keep(stays)
         self.drop({int(row_now[row]): fault for row, fault in self._bad.items()})
@@ -141,7 +155,8 @@ class Table:
                 f"{self.path} holds more than {self._most:,} states: cut it into recordings, or "
                 "raise --most-states where there is memory for them (about 400 bytes each)"
             )
-        (texts, integers), needed = kinds, max(places.values()) + 1
+        texts, integers = kinds
+        needed = max(places.values()) + 1
         for at, row in enumerate(chunk):
             if not any(row) or (len(row) < needed and not any(cell.strip() for cell in row)):
                 self._blank.append(self.n_rows + at)
@@ -175,7 +190,8 @@ class Table:
         no_number = np.int64(_NO_NUMBER) if is_integer else np.float64(np.nan)
         values = np.full(len(cells), no_number)
         for at, cell in enumerate(map(str.strip, cells)):
-            match, missing = _WHOLE.fullmatch(cell), cell.lower() in _MISSING
+            match = _WHOLE.fullmatch(cell)
+            missing = cell.lower() in _MISSING
             if is_integer and match is not None:
                 values[at] = int(match[1])
             elif is_name and not missing and at + self.n_rows not in self._bad:
@@ -190,7 +206,8 @@ class Table:
 
     def renumber(self, numbers: Mapping[str, int]) -> None:
         """Replace the codes of the words among ids by numbers."""
-        column, number_of = self["id"], {code: numbers[word] for word, code in self.codes.items()}
+        column = self["id"]
+        number_of = {code: numbers[word] for word, code in self.codes.items()}
         for row in np.flatnonzero(column <= _FIRST_WORD):
             column[row] = number_of[int(column[row])]
         self.faults = {number_of.get(name, name): fault for name, fault in self.faults.items()}
@@ -235,7 +252,18 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 def beside(path: Path, endings: tuple[str, str]) -> Path:
-    """Return the file whose name has the second ending in place of the first."""
+    """Return the file whose name has the second ending in place of the first.
+
+    Args:
+        path: The file with the first ending.
+        endings: Endings of the names of both files.
+
+    Returns:
+        A path in the same folder; the file may not exist.
+
+    Raises:
+        UserError: If the name of the file has another ending.
+    """
     if not path.name.endswith(endings[0]):
         expected = f"{path}: the column map expects a name that ends in {endings[0]}"
         raise UserError(f"{expected}, to find the file that ends in {endings[1]}")
@@ -243,7 +271,15 @@ def beside(path: Path, endings: tuple[str, str]) -> Path:
 
 
 def rate_of(path: Path, columns: ColumnMap) -> float:
-    """Return the frames a second, from the column map or the file that it names."""
+    """Return the frames a second, from the column map or the file that it names.
+
+    Args:
+        path: The file with the states.
+        columns: Its column map.
+
+    Raises:
+        UserError: If the file that the map names can't be read, or has not one rate in the range.
+    """
     if columns.rate_file is None:
         return columns.rate
     rate = _number_beside(path, columns, columns.rate_file[2])
@@ -253,7 +289,18 @@ def rate_of(path: Path, columns: ColumnMap) -> float:
 
 
 def origin_of(path: Path, columns: ColumnMap) -> tuple[float, float] | None:
-    """Return the UTM coordinates of the origin of a file's positions, m; None if not known."""
+    """Return the UTM coordinates of the origin of a file's positions, m; None if not known.
+
+    Args:
+        path: The file with the states.
+        columns: Its column map, which names the file and the columns with the origin.
+
+    Returns:
+        Easting and northing. None if the map names no such columns, or the file lacks them.
+
+    Raises:
+        UserError: If that file can't be read, or a column has not one number.
+    """
     if columns.origin is None or columns.rate_file is None:
         return None
     with open_csv(beside(path, columns.rate_file[:2])) as file:
@@ -283,13 +330,26 @@ def recordings_of(
 ) -> tuple[np.ndarray, dict[int, str]]:
     """Return the number of each row's recording, and the recordings' names.
 
-    A name is the file's, with the column's word if it has several. Within a period of observation
-    frames count its time, so their difference is constant.
+    Within a period of observation frames count its time, so their difference is constant.
+
+    Args:
+        table: Table of the states.
+        columns: Its column map.
+        frame: Frame of each row.
+        dt: Time between frames, s.
+
+    Returns:
+        The number of each row's recording, and the name of each recording by its number. A name is
+        that of the file, with the column's word if the file has several.
+
+    Raises:
+        UserError: If there are more than 20,000 recordings.
     """
     stem = table.path.stem
     if columns.users_file is not None:
         stem = table.path.name.removesuffix(columns.users_file[0]).removesuffix(".csv")
-    group, names = np.zeros(table.n_rows, np.int32), {0: stem}
+    group = np.zeros(table.n_rows, np.int32)
+    names = {0: stem}
     if "recording" in table:
         group = table["recording"]
         numbers = np.unique(group).tolist()
@@ -312,7 +372,8 @@ def recordings_of(
             f"{table.path}: {len(distinct):,} periods: frames and times have different rates; "
             "correct the rate or the unit of time in the column map"
         )
-    of_word, recordings = distinct[:, 0], {}
+    of_word = distinct[:, 0]
+    recordings = {}
     for at, word in enumerate(of_word.tolist()):
         several = (of_word == word).sum() > 1
         number = (of_word[:at] == word).sum() + 1
@@ -323,7 +384,19 @@ def recordings_of(
 def frames_of(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
     """Return the numbers of frames, derived from the time if the file has none.
 
-    Rows without a time, and those whose time fits no frame, are dropped.
+    Rows without a time, and those whose time fits no frame, are dropped from the table.
+
+    Args:
+        table: Table of the states, which has times or frames.
+        columns: Its column map, with the unit of time.
+        dt: Time between frames, s.
+
+    Returns:
+        A number for each row that stays. Numbers that are negative or too large for 31 bits are
+        shifted so that the first is 0.
+
+    Raises:
+        UserError: If more than half of the rows are dropped.
     """
     if "time" in table:
         bad = np.flatnonzero(~np.isfinite(table["time"])).tolist()

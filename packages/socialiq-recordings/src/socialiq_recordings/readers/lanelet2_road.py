@@ -1,9 +1,9 @@
 """Road networks of Lanelet2 maps (OSM XML), as inD, rounD, exiD and INTERACTION bring them.
 
 The file is read, projected and routed by the library lanelet2 (FZI and KIT, BSD; extra `lanelet2`),
-which only this module imports, in a process of its own; its rules of vehicles in Germany say which
-lanelet follows which.
-The format: Poggenhans et al., "Lanelet2: A high-definition map framework" (ITSC 2018).
+which only this module imports, in a separate process; its rules of vehicles in Germany say which
+lanelet follows which. The format: Poggenhans et al., "Lanelet2: A high-definition map framework"
+(ITSC 2018).
 """
 
 import functools
@@ -12,6 +12,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,8 @@ _ANSWER = "\x1elanelets "  # before the answer, after whatever the library print
 _NODE = re.compile(rb"<node\b[^>]*>")
 _LOCAL = re.compile(rb"<tag\s+k=['\"]local_x['\"]")
 _ERROR = re.compile(r"primitive (?:with id )?(-?\d+)[^:]*: (.*)", re.DOTALL)
-_NAMED, _LISTED = 100, 3  # errors of the library that are named; those in a refusal
+_NAMED = 100  # errors of the library that are named
+_LISTED = 3  # errors that a refusal lists
 _PLACE = (re.compile(rb"\blat=['\"]([^'\"]+)"), re.compile(rb"\blon=['\"]([^'\"]+)"))
 
 _SIGNS = {"TrafficLight": Sign.LIGHT, "AllWayStop": Sign.STOP}
@@ -42,11 +44,14 @@ def read_lanelet2(
     utm_origin: tuple[float, float] | None = None,
     origin: tuple[float, float] | None = None,
 ) -> RoadNetwork:
-    """Read the lanelets of a map, OSM XML, that vehicles may drive on; the others are named.
+    """Read the lanelets of a map, OSM XML, that vehicles may drive on; faulty ones are named.
 
-    The origin of the tracks' frame is in UTM coordinates, m, as a `recordingMeta.csv` of inD has
-    them, or latitude and longitude, degrees. Without both it is that of `local_x` and `local_y`
-    where all nodes have them, else 0° N 0° E as in INTERACTION.
+    Args:
+        path: The map.
+        utm_origin: Origin of the tracks' frame in UTM coordinates, m, as a `recordingMeta.csv` of
+            inD has them.
+        origin: Latitude and longitude of that origin, degrees. Without both it is that of `local_x`
+            and `local_y` where all nodes have them, else 0° N 0° E as in INTERACTION.
 
     Raises:
         UserError: If it can't be read, holds no such lanelet, or lanelet2 is not installed.
@@ -55,24 +60,15 @@ def read_lanelet2(
     content = read_bytes(path, _MOST_BYTES)
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise UserError(f"{path} declares a document type: remove it; Lanelet2 maps have none")
-    try:
-        # The library dereferences what a damaged file lacks, which would end this process.
-        done = subprocess.run(
-            [sys.executable, "-c", f"from {__name__} import serve; serve()"],
-            input=json.dumps([str(path.resolve()), utm_origin, origin]),
-            capture_output=True,
-            text=True,
-            timeout=_MOST_SECONDS,
-            check=False,
-            env=os.environ
-            | {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)},
-        )
-    except subprocess.TimeoutExpired as error:
-        raise UserError(f"{path}: lanelet2 needs more than {_MOST_SECONDS} s") from error
-    except OSError as error:
-        raise UserError(f"{path}: lanelet2 cannot be started: {error.strerror}") from error
-    faults, answer, *_ = (*map(json.loads, done.stdout.split(_ANSWER)[1:]), [], {}, {})
-    answer = answer or {}
+    # The library gets a copy, because the file could be another one by now.
+    with tempfile.NamedTemporaryFile(suffix=path.suffix) as copy:
+        copy.write(content)
+        copy.flush()
+        output = _output_of_library(path, [copy.name, utm_origin, origin])
+    output = output.replace(copy.name, str(path))
+    answers = [json.loads(text) for text in output.split(_ANSWER)[1:]]
+    faults = answers[0] if answers else []
+    answer = answers[1] if len(answers) > 1 else {}
     listed = "".join(f"; {name}: {one_line(reason)}" for name, reason in faults[:_LISTED])
     if "lanelets" not in answer:
         ended = (
@@ -91,6 +87,25 @@ def read_lanelet2(
     if not road.lanelets:
         raise UserError(f"{path} holds no lanelet for vehicles: name a map that does{listed}")
     return road
+
+
+def _output_of_library(path: Path, request: list[Any]) -> str:
+    """Run `serve` in a process, which a damaged file can end; return what it printed."""
+    try:
+        return subprocess.run(
+            [sys.executable, "-c", f"from {__name__} import serve; serve()"],
+            input=json.dumps(request),
+            capture_output=True,
+            text=True,
+            timeout=_MOST_SECONDS,
+            check=False,
+            env=os.environ
+            | {"PYTHONPATH": os.pathsep.join(folder for folder in sys.path if folder)},
+        ).stdout
+    except subprocess.TimeoutExpired as error:
+        raise UserError(f"{path}: lanelet2 needs more than {_MOST_SECONDS} s") from error
+    except OSError as error:
+        raise UserError(f"{path}: lanelet2 cannot be started: {error.strerror}") from error
 
 
 def _lanelet(values: dict[str, Any]) -> Lanelet:
@@ -144,7 +159,8 @@ def _projector(
         raise UserError("no node has lat and lon") from error
     if not (-80 <= latitude <= 84 and -180 <= longitude <= 180):
         raise UserError(f"no UTM zone holds its first node, {latitude:g} {longitude:g}")
-    project, zone = library.projection.UtmProjector, library.io.Origin(latitude, longitude)
+    project = library.projection.UtmProjector
+    zone = library.io.Origin(latitude, longitude)
     if utm_origin is not None:
         return project(zone, False, False), np.array(utm_origin)
     if origin is None and len(_LOCAL.findall(content)) == len(_NODE.findall(content)):
@@ -166,7 +182,8 @@ class _Road:
     """Builder of lanelets as plain values from a routing graph."""
 
     def __init__(self, library: Any, loaded: Any, origin: np.ndarray | None, bad: set[int]) -> None:
-        lanelets, sound = list(loaded.laneletLayer), []
+        lanelets = list(loaded.laneletLayer)
+        sound = []
         self.left_out: list[dict[str, Any]] = []
         for lanelet in lanelets:
             bounds = (lanelet.leftBound, lanelet.rightBound)
@@ -203,7 +220,8 @@ class _Road:
     def _plain(self, lanelet: Any) -> dict[str, Any]:
         left, right = equal_bounds(*map(self._points, (lanelet.leftBound, lanelet.rightBound)))
         limit = float(self._rules.speedLimit(lanelet).speedLimit) / 3.6
-        graph, (sign, line) = self._graph, self._sign(lanelet)
+        graph = self._graph
+        sign, line = self._sign(lanelet)
         beside = {
             "adjacent_left": graph.left(lanelet) or graph.adjacentLeft(lanelet),
             "adjacent_right": graph.right(lanelet) or graph.adjacentRight(lanelet),
@@ -239,7 +257,8 @@ class _Road:
 
     def _sign(self, lanelet: Any) -> tuple[Sign, np.ndarray | None]:
         """Return a lanelet's right of way and its stop line; a light takes precedence."""
-        sign, line = Sign.NONE, None
+        sign = Sign.NONE
+        line = None
         for rule in lanelet.regulatoryElements:
             kind = type(rule).__name__
             sign_of_rule = _SIGNS.get(kind, Sign.NONE)

@@ -1,8 +1,8 @@
 """SinD: pedestrians, vehicles and traffic lights of one signalised junction, from its files.
 
 Layout: Xu et al., "SIND: A drone dataset at signalized intersection in China" (ITSC 2022), and
-`Format.md` of the publishers. `PREFIXPed_smoothed_tracks.csv` and `PREFIXVeh_smoothed_tracks.csv`
-stand beside each other, and so does a file of the lights with `light` in its name.
+`Format.md` of the publishers. `PREFIXPed_smoothed_tracks.csv`, `PREFIXVeh_smoothed_tracks.csv` and
+a file of the lights with `light` in its name are in one folder.
 """
 
 from collections.abc import Mapping
@@ -23,13 +23,15 @@ from socialiq_recordings.readers.tracks import MOST_STATES
 from socialiq_recordings.recording import ROAD_USERS, STATES, Imported, Recording, Tracks
 from socialiq_recordings.road.network import Colour, RoadNetwork
 
-PEDESTRIANS, VEHICLES = "Ped_smoothed_tracks.csv", "Veh_smoothed_tracks.csv"
+PEDESTRIANS = "Ped_smoothed_tracks.csv"
+VEHICLES = "Veh_smoothed_tracks.csv"
 COLOURS = {0: Colour.RED, 1: Colour.GREEN, 3: Colour.YELLOW}
 """Colour of a light by the file's number."""
 
 _RAW = 3  # frames of the video in a frame of the tracks
 _FRAME = 1000 * _RAW / 29.97  # ms
-_MOST_LIGHTS, _MOST_CHANGES = 50, 100_000
+_MOST_LIGHTS = 50
+_MOST_CHANGES = 100_000
 
 
 def read_sind(
@@ -38,11 +40,17 @@ def read_sind(
     road: RoadNetwork | None = None,
     stated: Mapping[str, Any] | None = None,
 ) -> Imported:
-    """Read one recording: the file of pedestrians or of vehicles that is named, and those beside.
+    """Read one recording: a file of pedestrians or of vehicles, and the files that belong to it.
 
     Lights stay as the files have them, by frame, in the provenance: `lights`, a list of frames and
-    colours by the light's name. Nothing in the files says which lanelets a light is for, so that no
+    colours by the light's name. The files do not say which lanelets a light is for, so that no
     lanelet gets one, and they are counted as left out.
+
+    Args:
+        path: The file of pedestrians or of vehicles.
+        most_states: Most rows that are read of each file.
+        road: Road whose lanes give standing vehicles their heading; None for no road.
+        stated: Entries that are added to the provenance.
 
     Raises:
         UserError: If the name is another, a file can't be read, or no track can be used.
@@ -52,7 +60,8 @@ def read_sind(
         raise UserError(f"{path}: name the file of SinD that ends in {PEDESTRIANS} or {VEHICLES}")
     prefix = path.name.removesuffix(ending)
     beside = [path.with_name(prefix + end) for end in (PEDESTRIANS, VEHICLES)]
-    files, columns = [file for file in beside if file.exists()], read_map("sind")
+    files = [file for file in beside if file.exists()]
+    columns = read_map("sind")
     read = [read_csv(file, columns, most_states, road, stated)[0] for file in files or [path]]
     imported = _together(*read) if len(read) > 1 else read[0]
     lights = sorted(
@@ -61,7 +70,8 @@ def read_sind(
         if file.name.startswith(prefix) and "light" in file.name.lower() and file.suffix == ".csv"
     )
     name = one_line(prefix.strip("_- ") or path.absolute().parent.name, 60) or path.stem
-    tracks, source = imported.recording.tracks, dict(imported.recording.tracks.source)
+    tracks = imported.recording.tracks
+    source = dict(imported.recording.tracks.source)
     skipped = dict(imported.skipped)
     if len(lights) > 1:
         raise UserError(f"{path}: {len(lights)} files of lights are beside it: leave one there")
@@ -90,7 +100,8 @@ def read_lights(path: Path) -> dict[str, list[list[Any]]]:
     table = Table(path, ",", _MOST_CHANGES)
     lights = {f"light {number}": name for number, name in enumerate(names)}
     table.read({"raw": "RawFrameID", "time": "timestamp(ms)", **lights}, frozenset(), frozenset())
-    frames, of_raw = table["time"] / _FRAME, table["raw"] / _RAW
+    frames = table["time"] / _FRAME
+    of_raw = table["raw"] / _RAW
     timed = np.isfinite(frames) & np.isfinite(of_raw)
     if not timed.any():
         raise UserError(f"{path}: no row has a frame and a time")

@@ -30,14 +30,20 @@ User = tuple[int, float, float]  # class, length and width of a road user, m
 def check_frames(
     frames: Int[np.ndarray, " state"] | Sequence[int], row: Callable[[int], str] = lambda _: ""
 ) -> None:
-    """Raise a `ValueError` unless a track's frames increase by one, within 31 bits.
+    """Check that a track's frames increase by one, within 31 bits.
 
-    The line begins with the name of the first such row.
+    Args:
+        frames: Frame of each state.
+        row: Function that returns the name of a state's row, by its index, for the message.
+
+    Raises:
+        ValueError: If they do not; the line begins with the name of the first such row.
     """
     steps = np.diff(np.asarray(frames, np.int64))
     if not (steps == 1).all():
         index = int(np.argmax(steps != 1))
-        before, after = frames[index], frames[index + 1]
+        before = frames[index]
+        after = frames[index + 1]
         fault = f"frame {after} follows frame {before}: a gap of {after - before - 1}"
         if after == before:
             fault = f"frame {after} is there twice"
@@ -51,8 +57,17 @@ def check_frames(
 def repeated(
     frames: Int[np.ndarray, " state"], states: Float64[np.ndarray, "value state"]
 ) -> Bool[np.ndarray, " state"]:
-    """Whether each state of a track repeats the one before it exactly; NaN equals NaN."""
-    after, before = states[:, 1:], states[:, :-1]
+    """Whether each state of a track repeats the one before it exactly; NaN equals NaN.
+
+    Args:
+        frames: Frame of each state.
+        states: Values of the states, a column for each.
+
+    Returns:
+        A value for each state; the first repeats none.
+    """
+    after = states[:, 1:]
+    before = states[:, :-1]
     same = (after == before) | (np.isnan(after) & np.isnan(before))
     return np.append(False, (np.diff(frames) == 0) & same.all(axis=0))
 
@@ -60,7 +75,18 @@ def repeated(
 def check_numbers(
     what: str, values: Column, row: Callable[[int], str], farthest: float = FARTHEST
 ) -> None:
-    """Raise a `ValueError` unless all numbers of a track are finite and within `farthest`."""
+    """Check that all numbers of a track are finite and not too large.
+
+    Args:
+        what: Name of the quantity, for the message.
+        values: A number for each state.
+        row: Function that returns the name of a state's row, by its index, for the message.
+        farthest: Largest absolute value, in the unit of the numbers.
+
+    Raises:
+        ValueError: If a number is missing, not finite or too large; the line begins with the row's
+            name.
+    """
     bad = ~(np.abs(values) <= farthest)
     if bad.any():
         raise ValueError(f"{row(int(np.argmax(bad)))}{what} is missing, not finite or too large")
@@ -70,7 +96,8 @@ class Gathered:
     """Tracks of a file, and those that can't be used, which are listed with their reasons."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.n_states = path, 0
+        self.path = path
+        self.n_states = 0
         self.skipped: dict[str, int] = {}  # elements that are not tracks, by kind
         self._refused: list[Refused] = []
         self.faults: list[Refused] = []  # rows and classes that could not be read
@@ -86,31 +113,68 @@ class Gathered:
         frame: Int[np.ndarray, " state"],
         states: Float64[np.ndarray, "5 state"],
     ) -> None:
-        """Add a checked track, with its states: x, y, heading, vx and vy."""
+        """Add a checked track.
+
+        Args:
+            identity: Number of the road user in the file.
+            user: Its class, length and width, m.
+            frame: Frame of each state.
+            states: x and y, m, heading, rad, vx and vy, m/s, a column for each state.
+        """
         self._users.append((identity, user))
         self._frames.append(frame.astype(np.int32))
         self._states.append(states)
 
     def refuse(self, identity: object, reason: object, kind: int | None = None) -> None:
-        """Leave a track out, of a class of `RoadUser` if it is known."""
-        name, reason = one_line(str(identity), 60), one_line(str(reason))
+        """Leave a track out.
+
+        Args:
+            identity: Name of the road user in the file.
+            reason: Reason for which it is left out.
+            kind: Its class, of `RoadUser`; None if it is not known.
+        """
+        name = one_line(str(identity), 60)
+        reason = one_line(str(reason))
         kind_name = "" if kind is None else RoadUser(kind).name.lower()
         self._refused.append(Refused(name, reason, kind_name))
 
     def note(self, kind: str, count: int = 1) -> None:
-        """Count elements that are left out, by kind."""
+        """Count elements that are left out.
+
+        Args:
+            kind: Kind of the elements.
+            count: Number of them.
+        """
         if count:
             self.skipped[kind] = self.skipped.get(kind, 0) + count
 
     def unknown(self, identity: object, reason: str) -> None:
-        """Name a road user of an unknown class, which is read as `OTHER`."""
+        """Name a road user of an unknown class, which is read as `OTHER`.
+
+        Args:
+            identity: Name of the road user in the file.
+            reason: Line about the class.
+        """
         self.note("unknown class")
         self._unknown.append(Refused(one_line(str(identity), 60), reason))
 
     def imported(
         self, recording: str, dt: float, source: dict[str, Any], road: RoadNetwork
     ) -> Imported:
-        """Return the recording; raise a `UserError` without a track or without known classes."""
+        """Return the recording of the tracks that were added.
+
+        Args:
+            recording: Name of the recording.
+            dt: Time between frames, s.
+            source: Provenance of the recording.
+            road: Its road.
+
+        Returns:
+            The recording, with all that was left out and the reasons.
+
+        Raises:
+            UserError: If no track was added, or more than half of them have an unknown class.
+        """
         if 2 * len(self._unknown) > len(self._users) > 0:
             raise UserError(f"{self.path}: {self._unknown[0].reason}, like most of its road users")
         if not self._users:
@@ -146,7 +210,16 @@ _PASSED = 1.0  # m; or stands where another passed
 
 
 def differences(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
-    """Return a track's velocity by central differences, one-sided at its ends; 0 for one state."""
+    """Return a track's velocity by central differences, one-sided at its ends; 0 for one state.
+
+    Args:
+        x: Positions to the east, m.
+        y: Positions to the north, m.
+        dt: Time between the states, s.
+
+    Returns:
+        Velocities along x and y, m/s.
+    """
     if len(x) < 2:
         return np.zeros(len(x)), np.zeros(len(x))
     return np.gradient(x, dt), np.gradient(y, dt)
@@ -155,8 +228,16 @@ def differences(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
 def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
     """Return a track's velocity, m/s, by a local quadratic (Savitzky and Golay 1964).
 
-    The number of frames is odd and fits `WINDOW` and the track; a track of fewer than
-    three states is differenced.
+    The number of frames is odd and fits `WINDOW` and the track; a track of fewer than three states
+    is differenced.
+
+    Args:
+        x: Positions to the east, m.
+        y: Positions to the north, m.
+        dt: Time between the states, s.
+
+    Returns:
+        Velocities along x and y, m/s.
     """
     window = min(2 * round(WINDOW / dt / 2) + 1, len(x) - (len(x) + 1) % 2)
     if window < 3:
@@ -174,6 +255,10 @@ def heading_of_motion(vx: Column, vy: Column) -> Column | None:
     """Return the direction of travel, rad in (-π, π]; None if the track never moves.
 
     Below `STILL`, it is that of the last faster state; before a track first moves, its first.
+
+    Args:
+        vx: Velocities along x, m/s.
+        vy: Velocities along y, m/s.
     """
     moving = np.flatnonzero(np.hypot(vx, vy) >= STILL)
     if not len(moving):
@@ -185,10 +270,16 @@ def heading_of_motion(vx: Column, vy: Column) -> Column | None:
 def directions(
     road: RoadNetwork, states: Sequence[Float64[np.ndarray, "5 _"]]
 ) -> Callable[[float, float], float | None]:
-    """Return a function of a place, m, that returns the direction of the lane there, rad.
+    """Return a function of a place that returns the direction of the lane at this place.
 
-    Without a road it is that of the vehicles that moved there, by their states; None if nothing is
-    near.
+    Without lanelets it is the direction of the vehicles that moved at the place.
+
+    Args:
+        road: Road with lanelets, or an empty one.
+        states: Of each vehicle x and y, m, heading, rad, vx and vy, m/s, a column for each state.
+
+    Returns:
+        A function of x and y, m. It returns rad, or None if no lane or moving vehicle is near.
     """
     lines = [every_step(lanelet.centre) for lanelet in road.lanelets.values()]
     reach = _LANE if lines else _PASSED

@@ -99,7 +99,8 @@ class Lanelet:
 
     def __post_init__(self) -> None:
         """Check the bounds."""
-        left, right = np.asarray(self.left), np.asarray(self.right)
+        left = np.asarray(self.left)
+        right = np.asarray(self.right)
         if left.ndim != 2 or left.shape != right.shape or len(left) < 2 or left.shape[1] != 2:
             raise UserError(
                 f"lanelet {self.identity}: its bounds have {len(left)} and {len(right)} points: "
@@ -138,18 +139,33 @@ class Elements:
     UNREADABLE = (KeyError, ValueError, TypeError, OverflowError, UserError)
 
     def __init__(self, path: Path) -> None:
-        self.path, self.lanelets = path, dict[int, Lanelet]()
-        self._faults, self._bad_lanelets = list[Refused](), list[Refused]()
+        self.path = path
+        self.lanelets = dict[int, Lanelet]()
+        self._faults = list[Refused]()
+        self._bad_lanelets = list[Refused]()
 
     def leave_out(self, name: str, error: object) -> Refused:
-        """Name an element that can't be read, and return its name with the reason."""
+        """Name an element that can't be read.
+
+        Args:
+            name: Name of the element in the file.
+            error: Reason for which it is left out.
+
+        Returns:
+            The name with the reason.
+        """
         text = f"no {error}" if isinstance(error, KeyError) else one_line(str(error))
         prefix = name.replace("lane segment", "lanelet")  # which a lanelet's own errors name
         self._faults.append(Refused(name, text.removeprefix(f"{prefix}: ")))
         return self._faults[-1]
 
     def add(self, name: str, read: Callable[[], Lanelet]) -> None:
-        """Add the lanelet that a function returns."""
+        """Add the lanelet that a function returns; one that can't be read is left out and named.
+
+        Args:
+            name: Name of the lanelet in the file.
+            read: Function that reads it.
+        """
         try:
             lanelet = read()
             width = float(np.hypot(*(lanelet.left - lanelet.right).T).max())
@@ -189,7 +205,16 @@ def every_step(line: Float64[np.ndarray, "corner 2"]) -> Float64[np.ndarray, "po
 def equal_bounds(
     left: Float64[np.ndarray, "left 2"], right: Float64[np.ndarray, "right 2"]
 ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, "point 2"]]:
-    """Return two bounds with as many points each, at the same shares of their lengths."""
+    """Return two bounds with as many points each, at the same shares of their lengths.
+
+    Args:
+        left: Points of the left bound, m.
+        right: Points of the right bound, m.
+
+    Returns:
+        The two bounds as they are if their points correspond or one has fewer than two; else both
+        with the points of either.
+    """
     if min(len(left), len(right)) < 2:
         return left, right  # `Lanelet` refuses them
     shares = []
@@ -259,7 +284,8 @@ def lanes_of(road: RoadNetwork) -> Lanes:
     for first, second in library.STRtree(areas).query(areas, predicate="intersects").T:
         if first >= second:
             continue
-        low, high = lanelets[first], lanelets[second]
+        low = lanelets[first]
+        high = lanelets[second]
         if high.identity in low.successors or low.identity in high.successors:
             continue
         if {*low.predecessors} & {*high.predecessors}:

@@ -27,7 +27,8 @@ class Coordinates(NamedTuple):
     heading: OfPoints  # direction of the line there, rad
 
 
-_MANY, _TOGETHER = 50_000, 50  # pairs of points and segments; points, to compare at once
+_MANY = 50_000  # pairs of points and segments to compare at once
+_TOGETHER = 50  # points to compare at once
 ROUNDING = 0.1  # m; more than errors of distances are
 
 
@@ -36,10 +37,22 @@ def on_segments(
 ) -> tuple[Any, Any, Any]:
     """Return coordinates of points along segments within bounds, to their left, and distances, m.
 
-    The first four columns of `Polyline.segments`, and the bounds; all fit each other.
+    The segments are the first columns of `Polyline.segments`; all arguments fit each other.
+
+    Args:
+        x: Places of the points to the east, m.
+        y: Places of the points to the north, m.
+        from_x: Starts of the segments to the east, m.
+        from_y: Starts of the segments to the north, m.
+        east: Eastern components of the segments' unit vectors.
+        north: Northern components of the segments' unit vectors.
+        low: Lowest coordinates on the segments, m.
+        high: Highest coordinates on the segments, m.
     """
-    dx, dy = x - from_x, y - from_y
-    along, left = dx * east + dy * north, dy * east - dx * north
+    dx = x - from_x
+    dy = y - from_y
+    along = dx * east + dy * north
+    left = dy * east - dx * north
     inside = np.minimum(np.maximum(along, low), high)
     return inside, left, np.hypot(along - inside, left)
 
@@ -86,16 +99,25 @@ class Polyline:
 
         The first and the last go on straight beyond the line.
         """
-        unit, low, high = self.steps / self.lengths[:, None], 0 * self.lengths, self.lengths.copy()
-        low[0], high[-1] = -np.inf, np.inf
+        unit = self.steps / self.lengths[:, None]
+        low = 0 * self.lengths
+        high = self.lengths.copy()
+        low[0] = -np.inf
+        high[-1] = np.inf
         heading = np.arctan2(unit[:, 1], unit[:, 0])
         return np.stack([*self.points[:-1].T, *unit.T, low, high, heading, self.starts])
 
     def coordinates(self, x: OfPoints, y: OfPoints) -> Coordinates:
-        """Project points on the nearest segment; of equally near segments on the first."""
+        """Project points on the nearest segment; of equally near segments on the first.
+
+        Args:
+            x: Places of the points to the east, m.
+            y: Places of the points to the north, m.
+        """
         if x.size * len(self.lengths) <= _MANY:
             return _nearest(x, y, self.segments)
-        order, result = np.argsort(x if np.ptp(x) > np.ptp(y) else y), np.empty((3, len(x)))
+        order = np.argsort(x if np.ptp(x) > np.ptp(y) else y)
+        result = np.empty((3, len(x)))
         for rows in np.array_split(order, len(x) // _TOGETHER + 1):
             near = self._near(x[rows], y[rows])
             result[:, rows] = _nearest(x[rows], y[rows], near)
@@ -107,16 +129,18 @@ class Polyline:
         ends = self.points[:-1].T, self.points[1:].T
         apart = np.maximum(low - np.maximum(*ends), np.minimum(*ends) - high)
         # No point of their box is further from the segment that begins nearest to its middle.
-        middle, half = (low + high) / 2, np.hypot(*(high - low)) / 2
+        middle = (low + high) / 2
+        half = np.hypot(*(high - low)) / 2
         reach = np.hypot(*(middle - ends[0])).min() + half + ROUNDING
         near = np.hypot(*np.maximum(apart, 0.0)) <= reach
         near[[0, -1]] = True  # which go on beyond the line
         return self.segments[:, near]
 
     def points_at(self, along: OfPoints) -> tuple[Points, OfPoints]:
-        """Return points on the line or its straight extensions, and directions there, rad."""
+        """Return points on the line or its straight extensions, and directions at them, rad."""
         piece = np.clip(np.searchsorted(self.starts, along, side="right") - 1, 0, None)
-        unit, heading = self.segments[2:4, piece].T, self.segments[6, piece]
+        unit = self.segments[2:4, piece].T
+        heading = self.segments[6, piece]
         return self.points[piece] + unit * (along - self.starts[piece])[:, None], heading
 
 
@@ -132,15 +156,21 @@ class Arc:
     length: float  # m
 
     def coordinates(self, x: OfPoints, y: OfPoints) -> Coordinates:
-        """Return polar coordinates, with angles at most half a turn from the start."""
-        dx, dy = x - self.x, y - self.y
+        """Return the coordinates of points relative to the arc, at most half a turn from its start.
+
+        Args:
+            x: Places of the points to the east, m.
+            y: Places of the points to the north, m.
+        """
+        dx = x - self.x
+        dy = y - self.y
         turned = wrapped(np.arctan2(dy, dx) - self.phase)
         lateral = self.sense * (self.radius - np.hypot(dx, dy))
         heading = wrapped(self.phase + turned + self.sense * np.pi / 2)
         return Coordinates(self.sense * turned * self.radius, lateral, heading)
 
     def points_at(self, along: OfPoints) -> tuple[Points, OfPoints]:
-        """Return points on the circle, and directions of its tangent there, rad."""
+        """Return points on the circle, and directions of its tangent at them, rad."""
         turned = self.phase + self.sense * along / self.radius
         points = np.stack([np.cos(turned), np.sin(turned)], axis=1) * self.radius
         return points + np.array([self.x, self.y]), wrapped(turned + self.sense * np.pi / 2)
@@ -157,7 +187,9 @@ def path_of(points: Points) -> Polyline | Arc:
     polyline = Polyline(points)
     if len(points) < _LEAST_POINTS:
         return polyline
-    first, middle, last = points[0], points[len(points) // 2], points[-1]
+    first = points[0]
+    middle = points[len(points) // 2]
+    last = points[-1]
     system = 2 * np.array([middle - first, last - first])
     if abs(np.linalg.det(system)) < ARC_TOLERANCE:
         return polyline

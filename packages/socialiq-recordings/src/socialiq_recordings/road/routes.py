@@ -47,7 +47,8 @@ class Matcher:
     """Matcher of tracks to a road network, with the same measure for all lanelets."""
 
     def __init__(self, road: RoadNetwork) -> None:
-        self._road, self._numbers = road, list(road.lanelets)
+        self._road = road
+        self._numbers = list(road.lanelets)
         self._index = index = {number: row for row, number in enumerate(self._numbers)}
         self._paths = {number: path_of(lane.centre) for number, lane in road.lanelets.items()}
         # Lanelets to which a step costs less than a gap, each with its cost.
@@ -61,7 +62,8 @@ class Matcher:
                 cheap |= dict.fromkeys((index[number] for number in reached), 0.0)
             self._cheap.append(cheap | {index[number]: 0.0})
         # Boxes around the paths, and the segments of all polylines in one table.
-        boxes, lines = [], []
+        boxes = []
+        lines = []
         for path in self._paths.values():
             if isinstance(path, Arc):
                 middle = np.array([path.x, path.y])
@@ -84,6 +86,10 @@ class Matcher:
         """Find the lanelets of one track.
 
         The misfit of a lanelet is that of the simulator (`core.geometry.closest_lane`): m and rad.
+
+        Args:
+            tracks: Tracks of a recording.
+            number: Number of the track.
         """
         rows = slice(*tracks.starts[number : number + 2])
         place = tracks.x[rows], tracks.y[rows], tracks.heading[rows]
@@ -95,12 +101,14 @@ class Matcher:
                 break
             reach = max(needed if np.isfinite(needed) else 0.0, 2 * reach)
         numbers = [self._numbers[index] for index in near[chosen].tolist()]
-        lanelets, places = numbers[:1], []
+        lanelets = numbers[:1]
+        places = []
         for before, after in zip(numbers[:1] + numbers, numbers, strict=False):
             lanelets += [] if after == before else self._between(before, after)
             places.append(len(lanelets) - 1)
         off = float(metres[np.arange(len(chosen)), chosen].mean())
-        route, length = lanelets[-1:], 0.0
+        route = lanelets[-1:]
+        length = 0.0
         while length < AHEAD and self._go_on(route):
             length += self.path(route[-1]).length
         return Matched((*lanelets, *route[1:]), np.array(places, np.int64), off)
@@ -117,7 +125,8 @@ class Matcher:
             for after, cost in self._cheap[index].items():
                 if after in at:
                     price[at[after], row] = cost
-        totals, came_from = [misfit[0]], []
+        totals = [misfit[0]]
+        came_from = []
         for misfits in misfit[1:]:
             costs = price + totals[-1]
             came_from.append(costs.argmin(axis=1))
@@ -152,7 +161,12 @@ class Matcher:
         return near, metres, misfit
 
     def nearest(self, point: Float64[np.ndarray, "1 2"], lanelets: Sequence[int]) -> int:
-        """Return the number of the lanelet that is nearest to a place, m; of equals the first."""
+        """Return the number of the lanelet that is nearest to a place; of equals the first.
+
+        Args:
+            point: The place, m, as one row.
+            lanelets: Numbers of the lanelets that are compared.
+        """
         index = np.array([self._index[number] for number in lanelets])
         x, y = np.repeat(point.T, len(index), axis=1)
         return lanelets[int(self._away(x, y, index)[0].argmin())]
@@ -161,7 +175,8 @@ class Matcher:
         self, x: OfPairs, y: OfPairs, lanelet: Int64[np.ndarray, " pair"]
     ) -> tuple[OfPairs, OfPairs]:
         """Return distances from lanelets, m, and their headings, rad."""
-        result, count = np.empty((3, len(x))), self._count[lanelet]
+        result = np.empty((3, len(x)))
+        count = self._count[lanelet]
         for index in np.unique(lanelet[count == 0]).tolist():
             of_arc = lanelet == index
             along, lateral, heading = self._paths[self._numbers[index]].coordinates(
@@ -170,7 +185,8 @@ class Matcher:
             result[:, of_arc] = np.abs(lateral), along, heading
         pairs = np.flatnonzero(count)
         if len(pairs):
-            count, begin = count[pairs], self._first[lanelet[pairs]]
+            count = count[pairs]
+            begin = self._first[lanelet[pairs]]
             first = np.cumsum(count) - count
             number = np.arange(count.sum()) + np.repeat(begin - first, count)
             pair = np.repeat(pairs, count)
@@ -180,7 +196,8 @@ class Matcher:
             nearest = nearest[np.searchsorted(nearest, first)]
             heading, start = self._segments[6:, number[nearest]]
             result[:, pairs] = least, start + inside[nearest], heading
-        (distance, along, heading), length = result, self._length[lanelet]
+        distance, along, heading = result
+        length = self._length[lanelet]
         return distance + np.maximum(along - length, 0) + np.maximum(-along, 0), heading
 
     def _between(self, lanelet: int, goal: int) -> list[int]:
@@ -208,7 +225,13 @@ class Matcher:
     def section(self, lanelets: list[int], least: float = 0.0) -> Polyline | Arc | None:
         """Return the line along consecutive lanelets, without parallel lanes.
 
-        A line shorter than `least`, m, is continued beyond them, if the road continues.
+        Args:
+            lanelets: Numbers of the lanelets. One that does not follow the last one used is
+                skipped.
+            least: Length up to which the line is continued beyond them, m, if the road continues.
+
+        Returns:
+            None without a lanelet.
         """
         route: list[int] = []
         for number in lanelets:
@@ -241,7 +264,7 @@ class Scene:
 
     @cached_property
     def matcher(self) -> Matcher:
-        """Matcher of tracks to the lanelets, of which there must be one."""
+        """Matcher of tracks to the lanelets, of which at least one is needed."""
         return Matcher(self.lanes.road)
 
     @cached_property

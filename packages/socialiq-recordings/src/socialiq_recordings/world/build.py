@@ -16,8 +16,9 @@ from socialiq_recordings.road.network import Conflict
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.signs_of_simulation import signs_of_simulation
 from socialiq_recordings.world import lines
+from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.drivers import Calibration, Observed, calibrate, observe
-from socialiq_recordings.world.recorded_world import LAYOUT, RecordedWorld, Road, WorldConfig
+from socialiq_recordings.world.recorded_world import LAYOUT, RecordedWorld, Road
 
 LEAST_VEHICLES = 2
 MOST_VEHICLES = 2000  # vehicles of one recording; 16 bytes are kept for each two of them
@@ -96,7 +97,8 @@ def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
 
 def _encounters(recording: Recording, config: WorldConfig) -> Encounters:
     """Return the encounters of a recording that has a road, and frames at all decisions."""
-    name, dt = one_line(recording.tracks.recording, 60), recording.tracks.dt
+    name = one_line(recording.tracks.recording, 60)
+    dt = recording.tracks.dt
     frames = 1 / config.policy_rate / dt
     if abs(frames - round(frames)) > 1e-6 or round(frames) < 1:
         raise UserError(
@@ -156,7 +158,8 @@ def _append(
     config: WorldConfig,
 ) -> None:
     """Append the vehicles and pairs of a recording; only `tracks` can be egos."""
-    ways, first_frame = list(encounters.ways.values()), int(encounters.scene.tracks.frame.min())
+    ways = list(encounters.ways.values())
+    first_frame = int(encounters.scene.tracks.frame.min())
     closures = lines.closures_of(encounters, first_frame) if config.lights == "inferred" else []
     number_of = {way.track: number for number, way in enumerate(ways)}
     area_of = np.full((len(ways), len(ways)), -1)
@@ -177,7 +180,8 @@ def _append(
                 columns["area"].append((area.entry[0], area.exit[0], area.entry[1], area.exit[1]))
                 columns["area_yields"].append(_yields(encounters, way, partner, area))
                 columns["area_merges"].append(int(area.kind == Conflict.MERGING))
-        line, (step, states) = lines.line_of(way), lines.states_of(way, first_frame)
+        line = lines.line_of(way)
+        step, states = lines.states_of(way, first_frame)
         met = lines.on_way_of(way, closures)
         areas = [columns["area"][area] for area in area_of[number].tolist() if area >= 0]
         ahead = [area for area in areas if area[1] > way.along[0]]
@@ -223,11 +227,15 @@ def _append_people(columns: dict[str, list[Any]], scene: Scene, first_frame: int
 
 _MINOR = ("yield", "stop")
 _MAJOR = ("priority", "none", "light")
-_LEFT, _STRAIGHT = 45.0, 30.0  # degrees
+_LEFT = 45.0  # degrees
+_STRAIGHT = 30.0  # degrees
 
 
 def _yields(encounters: Encounters, way: Way, partner: Way, area: Area) -> int:
-    """Return 1 if the first yields by signs or turns, -1: the other, 0: who comes second."""
+    """Return 1 if the first vehicle yields by signs or turns, -1 if the second does, 0 if neither.
+
+    With 0 the vehicle that comes second yields.
+    """
     signs = sign(encounters, way, partner), sign(encounters, partner, way)
     if signs[0] in _MINOR and signs[1] in _MAJOR:
         return 1

@@ -1,4 +1,4 @@
-"""Simulated traffic beside the recorded: the same starts, durations and measures; pictures."""
+"""Simulated traffic next to the recorded: the same starts, durations and measures; pictures."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.plausible import overlaps
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.routes import Scene
+from socialiq_recordings.world.batch import Traffic
 from socialiq_recordings.world.build import Made
+from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.drivers import Observed, observe
-from socialiq_recordings.world.gym import Traffic
-from socialiq_recordings.world.recorded_world import SUB_STEPS, RecordedWorld
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 QUANTITIES = {
     "speeds": "speed, m/s",
@@ -36,10 +37,19 @@ QUANTITIES = {
 def simulate(built: Made, seed: int, repeats: int = 1) -> Observed:
     """Return what simulated traffic shows from the recorded starts, as long as was recorded.
 
-    Every vehicle is a driver of the population, a new one in each repeat; `seed` is that of the
-    first. Vehicles that count once in the recordings count once here.
+    Every vehicle is a driver of the population, a new one in each repeat. Vehicles that count once
+    in the recordings count once here.
+
+    Args:
+        built: World, and what it was made from.
+        seed: Seed of the drivers of the first repeat; each further repeat has the next number.
+        repeats: Number of simulations of each recording.
+
+    Returns:
+        The quantities of all simulations together.
     """
-    every, counted = [], []
+    every = []
+    counted = []
     for recording, tracks, ways, _ in _simulated(built, seed, repeats):
         scene = Scene(Recording(tracks, built.every[recording].scene.lanes.road))
         every.append(built.every[recording].moved(scene, ways))
@@ -51,15 +61,28 @@ def contacts(built: Made, seed: int, repeats: int = 1) -> Row:
     """Return the number of simulated `vehicles`, and of `pairs_in_contact` that overlap.
 
     No vehicle of these simulations is an ego, whose contacts alone end episodes. Vehicles are
-    smaller by the world's `slack` than recorded, as for an ego. `deepest_contact` is of two
-    rectangles, m. Where people were recorded, their number and that of vehicles that touch one.
+    smaller by the world's `slack` than recorded, as for an ego.
+
+    Args:
+        built: World, and what it was made from.
+        seed: Seed of the drivers of the first repeat; each further repeat has the next number.
+        repeats: Number of simulations of each recording.
+
+    Returns:
+        These counts, and the depth of the deepest overlap of two vehicles' rectangles,
+        `deepest_contact`, m. Where people were recorded, also their number, `people`, and that of
+        vehicles that touch one, `hit_a_person`.
     """
-    vehicles, pairs, hits, deepest = 0, 0, 0, 0.0
+    vehicles = 0
+    pairs = 0
+    hits = 0
+    deepest = 0.0
     for _, tracks, _, hit in _simulated(built, seed, repeats):
         slack = built.world.config.slack
         length, width = (np.maximum(side - slack, 0.1) for side in (tracks.length, tracks.width))
         met = overlaps(dataclasses.replace(tracks, length=length, width=width))
-        vehicles, hits = vehicles + tracks.n_tracks, hits + hit
+        vehicles = vehicles + tracks.n_tracks
+        hits = hits + hit
         pairs += len({*zip(tracks.track[met.first], tracks.track[met.second], strict=True)})
         deepest = max(deepest, float(met.depth.max(initial=0.0)))
     counts: Row = {"vehicles": vehicles, "pairs_in_contact": pairs, "deepest_contact": deepest}
@@ -76,7 +99,8 @@ def _simulated(
     """
     for repeat in range(repeats):
         for recording, encounters in enumerate(built.every):
-            frame, dt = encounters.scene.tracks.frame, encounters.scene.tracks.dt
+            frame = encounters.scene.tracks.frame
+            dt = encounters.scene.tracks.dt
             seconds = (int(frame.max()) - int(frame.min())) * dt
             steps = int(seconds * SUB_STEPS + 1e-6) + 1
             states, hits = run(built.world, recording, steps, seed + repeat)
@@ -88,10 +112,17 @@ def _simulated(
 def run(
     world: RecordedWorld, recording: int, steps: int, seed: int
 ) -> tuple[Float64[np.ndarray, "step vehicle 2"], int]:
-    """Return coordinates and speeds of a recording's vehicles, all simulated; NaN: not there.
+    """Return coordinates and speeds of a recording's vehicles, all simulated.
 
-    With them how many touch a person. Sub-steps count from the recording's first frame; `seed` is
-    that of the drivers.
+    Args:
+        world: World of the recordings.
+        recording: Number of the recording in it.
+        steps: Number of sub-steps, from the recording's first frame.
+        seed: Seed of the drivers.
+
+    Returns:
+        Coordinates on the ways, m, and speeds, m/s, NaN while a vehicle is not on the road; and the
+        number of vehicles that touch a person.
     """
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
@@ -109,7 +140,7 @@ def run(
 def _moved(
     encounters: Encounters, states: Float64[np.ndarray, "step vehicle 2"]
 ) -> tuple[Tracks, dict[int, Way]] | None:
-    """Return the tracks of simulated states, and the way of each track there that is there."""
+    """Return the tracks of simulated states, and the way of each recorded track that has states."""
     ways: dict[int, Way] = {}
     columns: list[dict[str, Any]] = []
     for index, way in enumerate(encounters.ways.values()):
@@ -129,7 +160,8 @@ def _moved(
         )
     if not ways:
         return None
-    recorded, chosen = encounters.scene.tracks, list(ways)
+    recorded = encounters.scene.tracks
+    chosen = list(ways)
     tracks = Tracks(
         **{name: np.concatenate([column[name] for column in columns]) for name in columns[0]},
         identity=recorded.identity[chosen],
@@ -148,6 +180,14 @@ def table(recorded: Observed, simulated: Observed) -> list[Row]:
 
     The distance is that of Kolmogorov and Smirnov, the largest difference of the distribution
     functions; moments of one vehicle are not independent, so that it has no p-value here.
+
+    Args:
+        recorded: Quantities of the recorded traffic.
+        simulated: Quantities of the simulated traffic.
+
+    Returns:
+        A row for each of `QUANTITIES`: the number of values, quartiles and the distance; None
+        without values.
     """
     rows: list[Row] = []
     for name in QUANTITIES:
@@ -165,7 +205,15 @@ def table(recorded: Observed, simulated: Observed) -> list[Row]:
 def distance(
     first: Sequence[float] | np.ndarray, second: Sequence[float] | np.ndarray
 ) -> float | None:
-    """Return the largest difference of two distribution functions; None if one has no value."""
+    """Return the largest difference of two distribution functions; None if one has no value.
+
+    Args:
+        first: Values of one sample, in any order.
+        second: Values of the second sample.
+
+    Returns:
+        The distance of Kolmogorov and Smirnov, in [0, 1].
+    """
     if not len(first) or not len(second):
         return None
     every = np.sort(np.concatenate([first, second]))
@@ -177,7 +225,12 @@ _INKS = {"recorded": COLORS["baseline"], "simulated": COLORS["prosocial"]}
 
 
 def beside(recorded: Observed, simulated: Observed) -> Figure:
-    """Draw distribution functions of each quantity, and gap by speed at moments of following."""
+    """Draw distribution functions of each quantity, and gap by speed at moments of following.
+
+    Args:
+        recorded: Quantities of the recorded traffic.
+        simulated: Quantities of the simulated traffic.
+    """
     drawing = figure(9.5, 5.6)
     panels = drawing.subplots(2, 3).ravel()
     samples = {"recorded": recorded, "simulated": simulated}

@@ -24,7 +24,9 @@ from socialiq_recordings.world import traffic as rules
 from socialiq_recordings.world.observation import annotate, observe, others_touched, touched
 from socialiq_recordings.world.traffic import DT, GONE, PRESENT, WAITING, ahead_of
 
-_EGO, _MOMENT = 100, 101  # purposes of random numbers; drivers have those below
+# Purposes of random numbers; those below 100 belong to drivers.
+_EGO = 100
+_MOMENT = 101
 _NONE, _ARRIVAL, _COLLISION, _TIMEOUT, _OTHER = (int(kind) for kind in Ending)
 _UNTOUCHED = int(Contact.NONE)
 _LEAST_WAY = 15.0  # m that the ego has ahead of it when it begins
@@ -34,8 +36,10 @@ _CURVE = 0.5  # s in which the ego's control comes down to the speed of a curve
 @kernel
 def _put(traffic, row, vehicle, along, speed):
     traffic.status[row, vehicle] = PRESENT
-    traffic.along[row, vehicle], traffic.speed[row, vehicle] = along, speed
-    traffic.before[row, vehicle], traffic.barrier[row, vehicle] = speed, math.inf
+    traffic.along[row, vehicle] = along
+    traffic.speed[row, vehicle] = speed
+    traffic.before[row, vehicle] = speed
+    traffic.barrier[row, vehicle] = math.inf
     traffic.present[row, traffic.n_present[row]] = vehicle
     traffic.n_present[row] += 1
 
@@ -44,14 +48,26 @@ def _put(traffic, row, vehicle, along, speed):
 def snapshot(road, traffic, row, base, count, vehicles):
     """Write place, speed and status of every vehicle.
 
-    Who waits has the place of its entry and no speed; who has gone has the end of its way.
+    A vehicle that waits has the place of its entry and no speed (NaN); one that has gone has the
+    end of its way.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`.
+        row: Episode.
+        base: First vehicle of its recording.
+        count: Number of vehicles of its recording.
+        vehicles: VEHICLE records that are written.
     """
     for number in range(count):
-        vehicle, state = vehicles[number], road.state_first[base + number]
+        vehicle = vehicles[number]
+        state = road.state_first[base + number]
         vehicle.status = traffic.status[row, number]
-        vehicle.along, vehicle.speed = traffic.along[row, number], traffic.speed[row, number]
+        vehicle.along = traffic.along[row, number]
+        vehicle.speed = traffic.speed[row, number]
         if vehicle.status == WAITING:
-            vehicle.along, vehicle.speed = road.state[state, 0], math.nan
+            vehicle.along = road.state[state, 0]
+            vehicle.speed = math.nan
         elif vehicle.status == GONE:
             points = road.line_first[base + number + 1] - road.line_first[base + number]
             vehicle.along = min(vehicle.along, points - 2.0)
@@ -59,20 +75,32 @@ def snapshot(road, traffic, row, base, count, vehicles):
 
 @inlined_kernel
 def populate(road, traffic, row, recording, ego, step):
-    """Place the vehicles that were recorded at a sub-step as they were then; no ego: -1.
+    """Place the vehicles that were recorded at a sub-step as they were then.
 
     Drivers draw their parameters; the desired speed is at least the recorded first one.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`; the seed of the row is set.
+        row: Episode.
+        recording: Number of the recording.
+        ego: Number of the ego in its recording; -1 for no ego.
+        step: Sub-step from the recording's first frame.
     """
-    base, end = road.recording_first[recording], road.recording_first[recording + 1]
-    traffic.recording[row], traffic.ego[row] = recording, ego
+    base = road.recording_first[recording]
+    end = road.recording_first[recording + 1]
+    traffic.recording[row] = recording
+    traffic.ego[row] = ego
     traffic.step[row] = traffic.begun[row] = step
     traffic.n_present[row] = 0
     traffic.touched[row, : end - base] = 0
     traffic.met[row, : end - base] = 0
     for vehicle in range(end - base):
-        first, last = road.state_first[base + vehicle], road.state_first[base + vehicle + 1] - 1
+        first = road.state_first[base + vehicle]
+        last = road.state_first[base + vehicle + 1] - 1
         for number in range(len(road.drivers)):
-            mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
+            mean = road.drivers[number, 0]
+            deviation = road.drivers[number, 1]
             value = mean + deviation * rules.normal(traffic.seed[row], number, vehicle)
             value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
             traffic.driver[row, vehicle, number] = value
@@ -89,13 +117,20 @@ def populate(road, traffic, row, recording, ego, step):
 
 @inlined_kernel
 def reset(road, traffic, row):
-    """Begin an episode: draw the ego's place and the moment from the row's seed."""
+    """Begin an episode: draw the ego's place and the moment from the row's seed.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`; the seed of the row is set.
+        row: Episode.
+    """
     seed = traffic.seed[row]
     vehicle = road.egos[np.int64(rules.uniform(seed, _EGO, 0) * len(road.egos))]
     recording = np.int64(0)
     while road.recording_first[recording + 1] <= vehicle:
         recording += 1
-    first, end = road.state_first[vehicle], road.state_first[vehicle + 1]
+    first = road.state_first[vehicle]
+    end = road.state_first[vehicle + 1]
     moments = np.int64(1)
     while first + moments < end and (
         road.arrival[vehicle] - road.state[first + moments, 0] >= _LEAST_WAY
@@ -108,7 +143,15 @@ def reset(road, traffic, row):
 
 @inlined_kernel
 def enter(road, traffic, row, base, count):
-    """Let waiting vehicles enter whose time has come and whose place is free."""
+    """Let waiting vehicles enter whose time has come and whose place is free.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`.
+        row: Episode.
+        base: First vehicle of its recording.
+        count: Number of vehicles of its recording.
+    """
     pairs = road.pair_first[traffic.recording[row]]
     for vehicle in range(count):
         if traffic.status[row, vehicle] != WAITING:
@@ -116,20 +159,22 @@ def enter(road, traffic, row, base, count):
         if road.state_step[base + vehicle] > traffic.step[row]:
             continue
         begin = road.state_first[base + vehicle]
-        along, speed = road.state[begin, 0], road.state[begin, 1]
-        half, jam = 0.5 * road.length[base + vehicle], traffic.driver[row, vehicle, 2]
-        recording, step = traffic.recording[row], traffic.step[row]
+        along = road.state[begin, 0]
+        speed = road.state[begin, 1]
+        half = 0.5 * road.length[base + vehicle]
+        jam = traffic.driver[row, vehicle, 2]
+        recording = traffic.recording[row]
+        step = traffic.step[row]
         gap, pace = people.ahead(road, recording, step, base + vehicle, along)
         free = gap > jam
         # It enters no faster than lets it stop behind another.
         speed = min(speed, math.sqrt(pace**2 + 2.0 * 3.0 * max(gap - jam, 0.0)))
         for slot in range(traffic.n_present[row]):
             present = traffic.present[row, slot]
-            along_there, need = (
-                traffic.along[row, present],
-                half + 0.5 * road.length[base + present],
-            )
-            pair, back = pairs + vehicle * count + present, pairs + present * count + vehicle
+            along_there = traffic.along[row, present]
+            need = half + 0.5 * road.length[base + present]
+            pair = pairs + vehicle * count + present
+            back = pairs + present * count + vehicle
             at = ahead_of(road.stretch_first, road.stretch, pair, along_there, along)
             if at > along:
                 clear = at - along - need - jam
@@ -147,14 +192,22 @@ def enter(road, traffic, row, base, count):
 def sub_step(road, traffic, row, base, count, level, fastest):
     """Advance by a sub-step; vehicles at the end of their ways leave the road, the ego stays.
 
-    `level` is the ego's acceleration, m/s²; NaN: it drives as a driver of the population.
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`.
+        row: Episode.
+        base: First vehicle of its recording.
+        count: Number of vehicles of its recording.
+        level: Acceleration of the ego, m/s²; with NaN it drives as a driver of the population.
+        fastest: Largest speed of the ego, m/s; not used if `level` is NaN.
     """
     now = traffic.step[row] * DT
     for slot in range(traffic.n_present[row]):
         vehicle = traffic.present[row, slot]
         rate = rules.drive(road, traffic, row, base, count, vehicle, now)
         if vehicle == traffic.ego[row] and not math.isnan(level):
-            along, speed = traffic.along[row, vehicle], traffic.speed[row, vehicle]
+            along = traffic.along[row, vehicle]
+            speed = traffic.speed[row, vehicle]
             limit = rules.limit_at(road.line_first, road.line, base + vehicle, along)
             rate = min(level, max((min(limit, fastest) - speed) / _CURVE, -HARDEST))
         traffic.rate[row, vehicle] = rate
@@ -179,21 +232,38 @@ def sub_step(road, traffic, row, base, count, level, fastest):
 
 @inlined_kernel
 def decide(road, traffic, results, row, level, settings, slack):
-    """Run the sub-steps of a decision and write its results."""
-    recording, ego = traffic.recording[row], traffic.ego[row]
+    """Run the sub-steps of a decision and write its results.
+
+    The episode ends with a contact, past a closed line, at the arrival or after its duration.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`.
+        results: Buffers that are written.
+        row: Episode, and row of the buffers.
+        level: Acceleration of the ego, m/s²; with NaN it drives as a driver of the population.
+        settings: SETTINGS record of the world.
+        slack: Length by which vehicles are narrower and shorter than recorded, m.
+    """
+    recording = traffic.recording[row]
+    ego = traffic.ego[row]
     base = road.recording_first[recording]
     count = road.recording_first[recording + 1] - base
-    vehicle, half = base + ego, 0.5 * road.length[base + ego]
-    start, ending = traffic.along[row, ego], _NONE
+    vehicle = base + ego
+    half = 0.5 * road.length[base + ego]
+    start = traffic.along[row, ego]
+    ending = _NONE
     for slot in range(traffic.n_present[row]):
         number = traffic.present[row, slot]
         traffic.before[row, number] = traffic.speed[row, number]
     if len(results.trace):
         snapshot(road, traffic, row, base, count, results.before[row])
-    results.contact[row], results.neighbours_collided[row] = _UNTOUCHED, 0
+    results.contact[row] = _UNTOUCHED
+    results.neighbours_collided[row] = 0
     traffic.hit[row] = traffic.others_hit[row] = 0
     for frame in range(settings.frames):
-        front, now = traffic.along[row, ego] + half, traffic.step[row] * DT
+        front = traffic.along[row, ego] + half
+        now = traffic.step[row] * DT
         line = rules.closed_line(road.closed_first, road.closed, vehicle, front, now)
         sub_step(road, traffic, row, base, count, level, settings.max_speed)
         if len(results.trace):
@@ -215,7 +285,8 @@ def decide(road, traffic, results, row, level, settings, slack):
     elapsed = (traffic.step[row] - traffic.begun[row]) * DT
     if ending == _NONE and elapsed >= settings.duration - 1e-9:
         ending = _TIMEOUT
-    results.speed[row], results.ending[row] = traffic.speed[row, ego], ending
+    results.speed[row] = traffic.speed[row, ego]
+    results.ending[row] = ending
     progress = traffic.along[row, ego] - start
     annotate(road, traffic, row, base, count, progress, ending, settings, results, row)
     whole = (traffic.step[row] - traffic.begun[row]) % settings.frames == 0
@@ -226,7 +297,18 @@ def decide(road, traffic, results, row, level, settings, slack):
 
 @inlined_kernel
 def replay_moment(road, traffic, results, moment, recording, ego, step, settings):
-    """Write observation and rewards of a recorded state and the decision that follows it."""
+    """Write observation and rewards of a recorded state and the decision that follows it.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`, whose first row is overwritten.
+        results: Buffers that are written.
+        moment: Row of the buffers.
+        recording: Number of the recording.
+        ego: Number of the recorded vehicle in its recording.
+        step: Sub-step of the state from the recording's first frame.
+        settings: SETTINGS record of the world.
+    """
     base = road.recording_first[recording]
     count = road.recording_first[recording + 1] - base
     populate(road, traffic, 0, recording, ego, step)

@@ -59,7 +59,16 @@ class Observed(NamedTuple):
 
 
 def observe(every: Sequence[Encounters], counted: Sequence[set[int]]) -> Observed:
-    """Return what some recordings show; only some tracks of each are counted."""
+    """Return what some recordings show.
+
+    Args:
+        every: Encounters of each recording.
+        counted: Numbers of the tracks of each recording that count. A conflict counts if one of its
+            two vehicles does.
+
+    Returns:
+        The quantities of all recordings together, of each vehicle at one moment a second.
+    """
     names = {*Observed._fields, *Followed._fields} - {"followed", "vehicles"}
     rows: dict[str, list[float]] = {name: [] for name in names}
     vehicles = 0
@@ -85,7 +94,9 @@ def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> 
     """Add the moments of a vehicle, one a second."""
     second = max(1, round(_SECOND / way.dt))
     bends = curvature(line_of(way))
-    free, headways, standing = [], [], []
+    free = []
+    headways = []
+    standing = []
     for frame in range(way.first, way.last + 1, second):
         along, speed = way.state(frame)
         rows["speeds"].append(speed)
@@ -113,7 +124,8 @@ def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> 
 
 LEAST = 10  # vehicles that must show a parameter before it is estimated
 _LEAST_MOMENTS = 30  # following decisions for a fit of the IDM
-_HEADWAYS, _GAPS = (0.4, 3.0), (0.5, 6.0)  # s, m; bounds of a driver's values
+_HEADWAYS = 0.4, 3.0  # s, bounds of a driver's value
+_GAPS = 0.5, 6.0  # m, bounds of a driver's value
 _STRENGTHS = (0.5, 4.0), (0.5, 5.0)  # m/s²; of acceleration and deceleration
 _DEFAULT_SPREAD = 0.2  # relative, of what is not estimated
 _SPREAD = 0.15  # relative, of both accelerations, which single drivers hardly show
@@ -149,10 +161,12 @@ def calibrate(observed: Observed) -> Calibration:
     Desired speeds are the fastest of each vehicle without a leader or a curve, time headways those
     of steady following, jam distances those of standing vehicles: medians, and spreads between
     quartiles. Both accelerations minimise the error of the next acceleration in following; a fit
-    that is worse than constant speed says nothing and is dropped. The margin is the lower quartile
-    of post-encroachment times.
+    that is worse than constant speed is no evidence and is dropped. The margin is the lower
+    quartile of post-encroachment times.
     """
-    defaults, followed, bends = Idm(), observed.followed, observed.lateral
+    defaults = Idm()
+    followed = observed.followed
+    bends = observed.lateral
     speed, speeds = _normal(observed.free_speeds, defaults.desired_speed, (3.0, 45.0))
     jam, jams = _normal(observed.standing_gaps, defaults.jam_distance, _GAPS)
     # The IDM keeps the jam distance besides the time headway.
@@ -164,7 +178,8 @@ def calibrate(observed: Observed) -> Calibration:
         Normal(mean, _SPREAD * mean, *bounds)
         for mean, bounds in zip(strengths, _STRENGTHS, strict=True)
     )
-    pets, mean = observed.pets[(observed.pets > 0) & (observed.pets < 5)], 1.5
+    pets = observed.pets[(observed.pets > 0) & (observed.pets < 5)]
+    mean = 1.5
     if len(pets) >= LEAST:
         mean = float(np.clip(np.quantile(pets, 0.25), 0.5, 4.0))
     margin = Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean)
@@ -190,7 +205,8 @@ def _normal(
     values: Float64[np.ndarray, " vehicle"], default: float, bounds: tuple[float, float]
 ) -> tuple[Normal, int]:
     """Return a normal distribution of median and interquartile range, and the number of values."""
-    middle, deviation = default, _DEFAULT_SPREAD * default
+    middle = default
+    deviation = _DEFAULT_SPREAD * default
     if len(values) >= LEAST:
         low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
         deviation = (high - low) / 1.349

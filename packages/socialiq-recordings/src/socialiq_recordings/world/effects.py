@@ -1,8 +1,8 @@
 """Commands of what the ego causes at a recorded junction (`highway.effects`), compiled.
 
-Later vehicles enter where and when they were recorded, and drivers draw nothing after they entered:
-both worlds have the same traffic. A vehicle's metres end with its recorded way. The commands drive
-the traffic of a batch on, which `gym.JunctionBatch.measure` puts back.
+Later vehicles enter where and when they were recorded, and drivers make no draws after they
+entered: both worlds have the same traffic. A vehicle's metres end with its recorded way. The
+commands drive the traffic of a batch on, which `batch.JunctionBatch.measure` puts back.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from socialiq_recordings.world.geometry import place_of
 from socialiq_recordings.world.observation import overlap
 from socialiq_recordings.world.traffic import DT, GONE, PRESENT
 
-_ARRIVED, _COLLIDED = int(Ending.ARRIVAL), int(Ending.COLLISION)
+_ARRIVED = int(Ending.ARRIVAL)
+_COLLIDED = int(Ending.COLLISION)
 _SAME_APPROACH, _SAME_EXIT, _CROSSING = range(len(RELATIONS))
 
 _Mover = collections.namedtuple("_Mover", "x y along_x along_y speed")
@@ -55,10 +56,11 @@ def _mover(road, vehicle, state):
 
 @kernel
 def _struck(road, traffic, at, slack):
-    """Return the vehicle that the ego overlaps, the ego if there is none, as beside a person."""
+    """Return the vehicle that the ego overlaps; the ego if it overlaps none, but a person."""
     for slot in range(traffic.n_present[at.row]):
         vehicle = traffic.present[at.row, slot]
-        along, there = traffic.along[at.row, at.ego], traffic.along[at.row, vehicle]
+        along = traffic.along[at.row, at.ego]
+        there = traffic.along[at.row, vehicle]
         if vehicle == at.ego:
             continue
         if overlap(road, at.base + at.ego, along, at.base + vehicle, there, slack)[0]:
@@ -87,16 +89,19 @@ def _note(times, vehicle, column, step):
 
 @kernel
 def _look(road, at, vehicles, step, driving, times):
-    """Note who is in an area with the ego's way; return the closest predicted encounter."""
-    closest, pairs = 0.0, road.pair_first[at.recording] + at.ego * at.count
-    along, half = vehicles[at.ego].along, 0.5 * road.length[at.base + at.ego]
+    """Note the vehicles in an area with the ego's way; return the closest predicted encounter."""
+    closest = 0.0
+    pairs = road.pair_first[at.recording] + at.ego * at.count
+    along = vehicles[at.ego].along
+    half = 0.5 * road.length[at.base + at.ego]
     for vehicle in range(at.count):
         area = road.area_of[pairs + vehicle]
         if vehicle == at.ego or area < 0:
             continue
         if driving and road.area[area, 0] - half < along < road.area[area, 1] + half:
             _note(times, vehicle, 0, step)
-        state, side = vehicles[vehicle], 0.5 * road.length[at.base + vehicle]
+        state = vehicles[vehicle]
+        side = 0.5 * road.length[at.base + vehicle]
         if state.status != PRESENT:
             continue
         if road.area[area, 2] - side < state.along < road.area[area, 3] + side:
@@ -109,7 +114,8 @@ def _look(road, at, vehicles, step, driving, times):
 
 @allocating_kernel
 def _advance(junction, at, level, settings):
-    road, traffic = junction[0], junction[1]
+    road = junction[0]
+    traffic = junction[1]
     sub_step(road, traffic, at.row, at.base, at.count, level, settings.max_speed)
 
 
@@ -129,7 +135,8 @@ def _brake(vehicles, at, ends, speed, hardest, moved):
 @allocating_kernel
 def _drive(junction, results, at, level, settings, moved):
     """Advance by a decision; add what others drive to (vehicle, 2) totals."""
-    vehicles, hardest = results.vehicles[at.row], np.zeros(at.count)
+    vehicles = results.vehicles[at.row]
+    hardest = np.zeros(at.count)
     speed = np.empty(at.count)
     snapshot(junction[0], junction[1], at.row, at.base, at.count, vehicles)
     for vehicle in range(at.count):
@@ -146,8 +153,11 @@ def _drive(junction, results, at, level, settings, moved):
 @allocating_kernel
 def _begin(junction, results, ledger, at, settings, effects):
     """Note where vehicles are, and drive the world without the ego to the common end."""
-    road, traffic, row = junction[0], junction[1], at.row
-    pairs, first = road.pair_first[at.recording], results.vehicles[row]
+    road = junction[0]
+    traffic = junction[1]
+    row = at.row
+    pairs = road.pair_first[at.recording]
+    first = results.vehicles[row]
     snapshot(road, traffic, row, at.base, at.count, first)
     for vehicle in range(len(first)):
         ledger.relation[row, vehicle] = -1
@@ -156,7 +166,8 @@ def _begin(junction, results, ledger, at, settings, effects):
         for column in range(4):
             ledger.times[row, vehicle, column] = -1
         if vehicle < at.count and vehicle != at.ego and first[vehicle].status != GONE:
-            pair, back = pairs + at.ego * at.count + vehicle, pairs + vehicle * at.count + at.ego
+            pair = pairs + at.ego * at.count + vehicle
+            back = pairs + vehicle * at.count + at.ego
             ledger.relation[row, vehicle] = _relation(road, pair, back)
             ledger.without[row, vehicle, 0] = ledger.driven[row, vehicle, 0] = first[vehicle].along
     _remove(traffic, row, at.ego)
@@ -173,21 +184,33 @@ def _begin(junction, results, ledger, at, settings, effects):
 @allocating_kernel
 def _account(junction, results, ledger, at, settings, effects):
     """Count a decision, and after the last one what follows it to the common end."""
-    road, traffic, row, frames = junction[0], junction[1], at.row, settings.frames
-    steps, times, before = traffic.step[row] - traffic.begun[row], ledger.times[row], results.before
-    number, encountered = (steps - 1) // frames, 0.0
-    moved, hardest, speed = np.zeros((at.count, 2)), np.zeros(at.count), np.empty(at.count)
+    road = junction[0]
+    traffic = junction[1]
+    row = at.row
+    frames = settings.frames
+    steps = traffic.step[row] - traffic.begun[row]
+    times = ledger.times[row]
+    before = results.before
+    number = (steps - 1) // frames
+    encountered = 0.0
+    moved = np.zeros((at.count, 2))
+    hardest = np.zeros(at.count)
+    speed = np.empty(at.count)
     for vehicle in range(at.count):
         speed[vehicle] = before[row, vehicle].speed
     for step in range(number * frames, steps):
         vehicles = results.trace[row, step - number * frames]
         _brake(vehicles, at, (step + 1) % frames == 0, speed, hardest, moved)
         encountered = max(encountered, _look(road, at, vehicles, step, True, times))
-    last, vehicles = number + 1, results.vehicles[row]
+    last = number + 1
+    vehicles = results.vehicles[row]
     snapshot(road, traffic, row, at.base, at.count, vehicles)
     if results.ending[row] != 0:
-        last, ending, struck = effects.decisions, results.ending[row], at.ego
-        along, towed = traffic.along[row], -math.inf
+        last = effects.decisions
+        ending = results.ending[row]
+        struck = at.ego
+        along = traffic.along[row]
+        towed = -math.inf
         if ending == _COLLIDED:  # both stand until they are towed
             struck = _struck(road, traffic, at, junction[3])
             towed = steps + np.rint(effects.tow_after / DT)
@@ -217,7 +240,9 @@ def _account(junction, results, ledger, at, settings, effects):
 @allocating_kernel
 def _look_ahead(junction, results, ledger, at, number, settings):
     """Write what others do in the next decisions, as `highway.core.effects`."""
-    traffic, row, moved = junction[1], at.row, np.zeros((at.count, 2))
+    traffic = junction[1]
+    row = at.row
+    moved = np.zeros((at.count, 2))
     level = junction[2][number] if number >= 0 else math.nan
     if number < 0:
         _remove(traffic, row, at.ego)
@@ -237,12 +262,14 @@ def _look_ahead(junction, results, ledger, at, number, settings):
 def _entry(sources: int) -> Any:
     @allocating_entry_point
     def run(command, results, ledger, rows, settings, junction, effects, first, last):
-        road, traffic = junction[0], junction[1]
+        road = junction[0]
+        traffic = junction[1]
         for row in range(first, last):
             if not rows[row] or command == PREPARE:
                 continue
             recording = traffic.recording[row]
-            base, end = road.recording_first[recording], road.recording_first[recording + 1]
+            base = road.recording_first[recording]
+            end = road.recording_first[recording + 1]
             at = _Place(row, recording, base, end - base, traffic.ego[row])
             if command == BEGIN:
                 _begin(junction, results, ledger, at, settings[0], effects[0])

@@ -20,7 +20,7 @@ from socialiq_recordings.conflicts.ways import Way, in_the_way, leader, on_way, 
 from socialiq_recordings.recording import PEOPLE
 from socialiq_recordings.road.network import Sign
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.world.recorded_world import SUB_STEPS
+from socialiq_recordings.world.config import SUB_STEPS
 
 SPACING = 1.0  # m between the points of a line
 FASTEST = 45.0  # m/s; no speed limit of a curve is higher
@@ -52,9 +52,13 @@ def curvature(line: Line) -> Float64[np.ndarray, " point"]:
 
 
 def speed_limits(line: Line, lateral: float) -> Float64[np.ndarray, " point"]:
-    """Return the speed at each point that keeps a lateral acceleration there and ahead, m/s.
+    """Return the largest speed at each point of a line that a vehicle can drive in its curves, m/s.
 
-    v² κ <= `lateral` in m/s², with a comfortable deceleration before a curve.
+    The speed keeps v² κ <= `lateral`, with a comfortable deceleration before a curve.
+
+    Args:
+        line: Points of the way.
+        lateral: Largest lateral acceleration, m/s².
     """
     limit = np.minimum(np.sqrt(lateral / np.maximum(curvature(line), 1e-6)), FASTEST)
     for point in range(len(limit) - 2, -1, -1):
@@ -66,8 +70,12 @@ def speed_limits(line: Line, lateral: float) -> Float64[np.ndarray, " point"]:
 def states_of(way: Way, first_frame: int) -> tuple[int, Float64[np.ndarray, "step 2"]]:
     """Return a way's states at the sub-steps of the simulator, interpolated between frames.
 
-    These are the sub-step of the first state, from the recording's first frame, and coordinates in
-    m and speeds in m/s.
+    Args:
+        way: Way of the vehicle.
+        first_frame: First frame of the recording, from which sub-steps count.
+
+    Returns:
+        The sub-step of the first state, and for each sub-step coordinate, m, and speed, m/s.
     """
     times = (np.arange(way.first, way.last + 1) - first_frame) * way.dt
     first, at = sub_steps_of(times)
@@ -87,8 +95,13 @@ def sub_steps_of(
 def stretches(leading: Way, following: Way, slack: float) -> Float64[np.ndarray, "stretch 4"]:
     """Return the parts of a leading way that lie in a following one, driven in the same direction.
 
-    Begin and end of each part on the leading way, then on the following one, m. `slack` are m by
-    which vehicles are narrower than recorded.
+    Args:
+        leading: Way of the vehicle ahead.
+        following: Way of the vehicle behind.
+        slack: Width by which vehicles are narrower than recorded, m.
+
+    Returns:
+        Begin and end of each part on the leading way, then on the following one, m.
     """
     first, second = (way.line.points for way in (leading, following))
     apart = np.maximum(
@@ -99,7 +112,8 @@ def stretches(leading: Way, following: Way, slack: float) -> Float64[np.ndarray,
     at = np.arange(0.0, leading.line.length, _PROBED)
     points, heading = leading.line.points_at(at)
     positions = following.line.coordinates(points[:, 0], points[:, 1])
-    turned, widths = wrapped(heading - positions.heading), np.full(len(at), leading.width)
+    turned = wrapped(heading - positions.heading)
+    widths = np.full(len(at), leading.width)
     inside = in_the_way(following, positions.lateral, turned, widths, slack)
     inside &= (positions.along >= 0) & (positions.along <= following.line.length)
     inside[1:] &= (np.diff(positions.along) > 0) | ~inside[:-1]
@@ -134,8 +148,13 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
 
     A vehicle must be the first of its lane, and its stand unexplained for `_UNEXPLAINED` s. On a
     map that marks lights, only a route with a light is closed.
+
+    Args:
+        encounters: Encounters of a recording.
+        first_frame: First frame of the recording, from which the times of closures count.
     """
-    closures, lanelets = [], encounters.scene.lanes.road.lanelets
+    closures = []
+    lanelets = encounters.scene.lanes.road.lanelets
     lit = {number for number, lanelet in lanelets.items() if lanelet.sign == Sign.LIGHT}
     for way in encounters.ways.values():
         if lit and not lit.intersection(way.lanelets):
@@ -148,7 +167,8 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
             without = sum(not _has_reason(encounters, way, frame) for frame in frames)
             if without * step * way.dt < _UNEXPLAINED:
                 continue
-            start, passed = first_frame * way.dt, -math.inf
+            start = first_frame * way.dt
+            passed = -math.inf
             point, heading = way.line.points_at(
                 np.array([way.state(begin)[0] + way.length / 2 + _BEFORE])
             )
@@ -172,12 +192,18 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
 def on_way_of(way: Way, closures: list[Closure]) -> list[tuple[float, float, float]]:
     """Return the closures that a vehicle on a way meets, the nearest to its start first.
 
-    Each is the coordinate of the line on the way in m, and its begin and end in s.
+    Args:
+        way: Way of the vehicle.
+        closures: Closed lines of the recording.
+
+    Returns:
+        For each the coordinate of the line on the way, m, and its begin and end, s.
     """
     if not closures:
         return []
     x, y, heading = np.array(closures)[:, :3].T
-    low, high = way.line.points.min(axis=0) - _BESIDE, way.line.points.max(axis=0) + _BESIDE
+    low = way.line.points.min(axis=0) - _BESIDE
+    high = way.line.points.max(axis=0) + _BESIDE
     near = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
     if not len(near):
         return []
@@ -206,13 +232,14 @@ def _walks_ahead(scene: Scene, way: Way, frame: int) -> bool:
 def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
     """Whether a vehicle stands behind another, before one that arrives, or behind all areas.
 
-    Or before a pedestrian or cyclist who is in its way, or was or will be by `_START` s.
+    Or before a pedestrian or cyclist that is in its way, or was or will be by `_START` s.
     """
     along, _ = way.state(frame)
     vehicles = on_way(encounters.scene, way, frame, encounters.config.slack)
     if leader(way, along, vehicles).gap < _AHEAD or _walks_ahead(encounters.scene, way, frame):
         return True
-    now, met = frame * way.dt, False
+    now = frame * way.dt
+    met = False
     for partner in encounters.in_time.between(frame, frame):
         if partner.track == way.track:
             continue

@@ -19,7 +19,7 @@ from jaxtyping import Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
-from socialiq.evaluation.rollout import columns_of
+from socialiq.evaluation.rollout import transitions_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
@@ -73,11 +73,26 @@ def train_with_practice(
     callbacks: Callable[[int, str], Callbacks] | None = None,
     chunk: int = 500,
 ) -> Practised:
-    """Train dials on demonstrations of a world, and again after each round of practice there.
+    """Train dials on demonstrations of a world, and again after each round of practice in it.
 
-    Each training begins with new weights, and each run practises on episodes of its own.
-    `callbacks` gets the number of practised rounds and the name of a stage, each `chunk` updates.
-    Raises as `learners.dial.offline.train`, and a UserError if the rewards differ.
+    Each training begins with new weights, and each run practises on separate episodes.
+
+    Args:
+        world: World of recorded junctions.
+        static: What all runs share.
+        hyperparameters: Hyperparameters of each run.
+        demonstrations: Demonstrations from which all runs learn.
+        practice: Amount of practice.
+        callbacks: Function of the number of practised rounds and the name of a stage; it returns
+            what that stage of training calls. None for no calls.
+        chunk: Number of updates between calls.
+
+    Returns:
+        The outcome of the last training, and the episodes that each run has driven.
+
+    Raises:
+        UserError: If demonstrations of recorded drivers meet a world that rewards what is caused,
+            or as `learners.dial.offline.train` raises it.
     """
     if world.effects and demonstrations.source.get("made_by") == MADE_BY:
         raise UserError(
@@ -114,15 +129,25 @@ def record(
     share: float,
     first_seed: int,
 ) -> Demonstrations:
-    """Record policies, a mode for each name, each on so many episodes of its own.
+    """Record policies, a mode for each name, each on separate episodes.
 
-    A share of the decisions is drawn at random, from one stream for all episodes of a policy.
+    The random decisions come from one stream for all episodes of a policy.
+
+    Args:
+        world: World of recorded junctions.
+        drivers: Policies by the names of their modes.
+        episodes: Number of episodes of each policy.
+        share: Share of the decisions that are drawn at random, in [0, 1].
+        first_seed: Seed of the first episode of the first policy; seeds go up by one.
+
+    Returns:
+        All episodes in one table, in the order of the policies.
     """
     tables = []
     for number, (name, policy) in enumerate(drivers.items()):
         seeds = np.arange(episodes) + first_seed + number * episodes
         actor = ScriptedActor(_exploring(policy, world.n_actions, share, int(seeds[0])))
-        columns, _ = columns_of(simulate(world.batch(episodes), actor, seeds))
+        columns, _ = transitions_of(simulate(world.batch(episodes), actor, seeds))
         names: dict[str, Any] = {"mode_names": (name,), "n_actions": world.n_actions}
         names["source"] = {"made_by": "practice", "first_seed": first_seed, "share": share}
         tables.append(Demonstrations.of(**columns, **names))

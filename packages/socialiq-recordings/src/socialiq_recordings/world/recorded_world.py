@@ -1,16 +1,14 @@
-"""World of recorded junctions: its options, its arrays, and its file."""
+"""World of recorded junctions: its arrays, and its file."""
 
 from __future__ import annotations
 
 import collections
 import dataclasses
-import itertools
 import json
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
@@ -19,69 +17,15 @@ from socialiq import storage
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
 from socialiq.worlds.highway.effects import EffectOptions
+from socialiq.worlds.highway.ego import EgoModel
+from socialiq.worlds.highway.perception import FrontEnd
+from socialiq.worlds.highway.shifts import OR, Shift
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.world import ConstantPolicy
 from socialiq_recordings.recording import PEOPLE
-
-if TYPE_CHECKING:
-    from socialiq_recordings.world.gym import JunctionBatch
-
-Lights = Literal["inferred", "none"]
-
-SUB_STEPS = 10  # sub-steps of a second
-LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
-"""m/s²; default actions. Those of recorded decisions, and a hard braking."""
-
-AS_DRIVER = -1  # action with which the ego drives as a driver of the population
-_LONGEST = 600.0  # s; of an episode
-
-
-@dataclass(frozen=True)
-class WorldConfig:
-    """Options of a world made of recordings."""
-
-    policy_rate: int = 1  # decisions per second; divides `SUB_STEPS` and the recordings' rates
-    # accelerations that the ego can choose, m/s², ascending, one of them 0
-    levels: tuple[float, ...] = LEVELS
-    duration: float = 20.0  # s after which an episode times out
-    observed_vehicles: int = 12  # rows of the observation, the ego's included
-    # "inferred": lines are closed while the first vehicle of a lane stood there without a reason
-    # that the model of the drivers knows. "none": no line is ever closed
-    lights: Lights = "inferred"
-    slack: float = 0.3  # m by which vehicles are narrower and shorter than recorded
-    # weights and units of the reward pair; its rates, duration, speeds and rows are replaced by
-    # those of this world
-    rewards: Options = field(default_factory=Options)
-
-    def __post_init__(self) -> None:
-        if self.policy_rate < 1 or SUB_STEPS % self.policy_rate:
-            raise UserError(f"policy rate must be 1, 2, 5 or 10, got {self.policy_rate}")
-        steps = [b - a for a, b in itertools.pairwise(self.levels)]
-        if len(self.levels) < 2 or not all(0 < step < math.inf for step in steps):
-            raise UserError(f"levels must be two or more ascending numbers, got {self.levels}")
-        if 0.0 not in self.levels or not math.isfinite(self.levels[0]):
-            raise UserError(f"levels must have 0 among them, got {self.levels}")
-        if not 1 / self.policy_rate <= self.duration <= _LONGEST:
-            raise UserError(
-                f"duration must be from one decision to {_LONGEST:g} s, got {self.duration:g}"
-            )
-        if not 2 <= self.observed_vehicles <= 100:
-            raise UserError(f"observed vehicles must be 2 to 100, got {self.observed_vehicles}")
-        if not (math.isfinite(self.slack) and 0 <= self.slack <= 1):
-            raise UserError(f"slack must be from 0 to 1 m, got {self.slack}")
-        one_of("lights", self.lights, get_args(Lights))
-
-    @property
-    def frames(self) -> int:
-        """Sub-steps of a decision."""
-        return SUB_STEPS // self.policy_rate
-
-    @property
-    def decisions(self) -> int:
-        """Decisions of an episode that times out."""
-        return math.ceil(self.duration * self.policy_rate - 1e-9)
-
+from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.config import AS_DRIVER, SUB_STEPS, WorldConfig
 
 LAYOUT: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "recording_first": (np.int64, ()),  # first vehicle of each recording; the number of vehicles
@@ -121,19 +65,6 @@ LAYOUT: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 _PEOPLE = tuple(name for name in LAYOUT if name.startswith("person_"))
 """Arrays that a file of a world without people doesn't have."""
 
-VEHICLE = np.dtype(
-    [
-        ("along", np.float64),  # coordinate on its way, m
-        ("speed", np.float64),  # m/s, NaN before it enters
-        ("identity", np.int32),  # number in its recording
-        ("status", np.int8),  # `traffic.WAITING`, PRESENT or GONE
-        ("counted", np.bool_),  # in Eq 4.2
-        ("crashed", np.bool_),  # never in an episode of the ego
-    ],
-    align=True,
-)
-"""Record of a vehicle where the effects of the ego are measured."""
-
 Road = collections.namedtuple("Road", list(LAYOUT))
 """Arrays that the compiled core reads."""
 
@@ -145,8 +76,8 @@ SCHEMA_VERSION = 1
 class RecordedWorld(RoadWorld):
     """World of recorded junctions.
 
-    Its rule-based drivers are a driver of the calibrated population, which knows the ways of the
-    others and the closed lines that policies see in part; always faster; and always slower.
+    Its rule-based drivers are a driver of the calibrated population, which knows all ways and the
+    closed lines that policies see in part; always faster; and always slower.
     """
 
     road: Road  # its arrays
@@ -156,6 +87,8 @@ class RecordedWorld(RoadWorld):
     sha256: str = ""  # of the file's content; "" if it was not read from a file
     name: str = "recorded-junction"  # name in hashes, the same for every file
     effects: EffectOptions | None = None
+    shifts: tuple[Shift, ...] = ()
+    front_end: FrontEnd | None = None
 
     drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
     references: ClassVar[tuple[str, ...]] = drivers
@@ -165,6 +98,8 @@ class RecordedWorld(RoadWorld):
         """Format and SHA-256 of the file's content as JSON with sorted keys."""
         described = {"content": self.sha256, "format": SCHEMA_VERSION, "name": self.name}
         described |= {"effects": dataclasses.asdict(self.effects)} if self.effects else {}
+        described |= {"shift": OR.join(map(str, self.shifts))} if self.shifts else {}
+        described |= {"front_end": str(self.front_end)} if self.front_end else {}
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
 
     @property
@@ -178,6 +113,24 @@ class RecordedWorld(RoadWorld):
             observed_vehicles=self.config.observed_vehicles,
             target_speeds=(0.0, self.max_speed / 2, self.max_speed),
         )
+
+    @property
+    def ego(self) -> EgoModel:
+        """Scales of the ego's observation; its actions are accelerations."""
+        options = self.options
+        return EgoModel(
+            idle=self.config.levels.index(0.0),
+            speeds=(),
+            sub_step=1.0 / SUB_STEPS,
+            rate=options.policy_frequency,
+            decisions=options.decisions,
+            exit="",
+        )
+
+    @property
+    def shiftable(self) -> tuple[str, ...]:
+        """No option: road and traffic are as recorded."""
+        return ()
 
     @property
     def whole_episode(self) -> int:
@@ -200,15 +153,27 @@ class RecordedWorld(RoadWorld):
         return int(np.diff(self.road.recording_first).max())
 
     def driver(self, name: str, seed: int = 0) -> ConstantPolicy:  # noqa: ARG002  none is random
-        """Return a driver of `drivers`; see `World.driver`."""
+        """Return a driver of `drivers`; see `World.driver`.
+
+        Args:
+            name: Name of the driver.
+            seed: Not used, since no driver is random.
+
+        Raises:
+            UserError: If the name is unknown.
+        """
         one_of("driver of a recorded junction", name, self.drivers)
         return ConstantPolicy({"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}[name])
 
     def batch(self, size: int, threads: int = 1, traced: bool = False) -> JunctionBatch:  # noqa: ARG002
-        """Return episodes side by side; their sub-steps are not traced."""
-        from socialiq_recordings.world.gym import JunctionBatch
+        """Return episodes side by side.
 
-        return JunctionBatch(self, size, threads)
+        Args:
+            size: Number of episodes.
+            threads: Number of threads that drive them.
+            traced: Not used: sub-steps are not traced for callers.
+        """
+        return self._episodes(JunctionBatch, world=self, size=size, threads=threads)
 
     def save(self, path: Path, replace: bool = False) -> str:
         """Write the world to one file, whole or not at all; return the SHA-256 of the content.
@@ -273,8 +238,11 @@ def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[s
             yield f"has numbers in {name} that are not finite"
     if set(arrays) != set(LAYOUT):
         yield "has columns that are no world's"
-    vehicles, counts = len(arrays["identity"]), np.diff(arrays["recording_first"])
-    egos, area_of, areas = arrays["egos"], arrays["area_of"], len(arrays["area"])
+    vehicles = len(arrays["identity"])
+    counts = np.diff(arrays["recording_first"])
+    egos = arrays["egos"]
+    area_of = arrays["area_of"]
+    areas = len(arrays["area"])
     people = len(arrays["person_class"])
     for name, rows, total in (
         ("recording_first", None, vehicles),

@@ -10,13 +10,14 @@ from jaxtyping import Float64, Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.options import Buffers
-from socialiq.worlds.intersection.options import settings_of
-from socialiq_recordings.world.gym import Traffic
-from socialiq_recordings.world.recorded_world import SUB_STEPS, VEHICLE, RecordedWorld
+from socialiq.worlds.highway.options import Buffers, settings_of
+from socialiq_recordings.world.batch import VEHICLE, Traffic
+from socialiq_recordings.world.config import SUB_STEPS
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 MADE_BY = "socialiq data world"
-HUMAN, SIMULATED = MODES = ("human", "simulated")
+MODES = ("human", "simulated")
+HUMAN, SIMULATED = MODES
 """Modes of recorded drivers, by whether the recording shows signs of a simulation."""
 
 
@@ -83,7 +84,8 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
     ending = results.ending.copy()
     final = rows[last[rows + 1]]  # the last decision of its episode
     ending[final] = np.where(ending[final] == int(Ending.NONE), int(Ending.TIMEOUT), ending[final])
-    change, levels = results.speed[rows + 1] - results.speed[rows], np.array(world.config.levels)
+    change = results.speed[rows + 1] - results.speed[rows]
+    levels = np.array(world.config.levels)
     misses = change[:, None] - levels * (1 / world.config.policy_rate)
     # A tie goes to the level nearer to 0.
     action = np.argmin(np.round(np.abs(misses), 9) + 1e-12 * np.abs(levels), axis=1)
@@ -103,14 +105,17 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
         n_actions=world.n_actions,
         source={"made_by": MADE_BY, "world": world.provenance, "every": every},
     )
-    signals, residual = results.signals[rows], misses[np.arange(len(rows)), action]
+    signals = results.signals[rows]
+    residual = misses[np.arange(len(rows)), action]
     speed = results.speed[rows + 1]
     return Replayed(table, vehicles, steps[rows], speed, signals, residual, change)
 
 
 def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[Int64[np.ndarray, " decision"]]:
     """Return the sub-steps of a vehicle's decisions and of their end, one run a beginning."""
-    road, frames, most = world.road, world.config.frames, world.config.decisions
+    road = world.road
+    frames = world.config.frames
+    most = world.config.decisions
     begin, end = road.state_first[vehicle : vehicle + 2].tolist()
     along = road.state[begin:end, 0]
     runs = []

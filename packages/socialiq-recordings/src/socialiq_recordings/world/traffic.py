@@ -17,13 +17,20 @@ from socialiq_recordings.world import people
 
 limited = kernel(model.limited)
 
-_S11, _ONE = np.uint64(11), np.uint64(1)
+_S11 = np.uint64(11)
+_ONE = np.uint64(1)
 _UNIT = 2.0**-53
 
 
 @kernel
 def uniform(seed, purpose, number):
-    """Return a number in [0, 1): that of a number and a purpose of an episode."""
+    """Return a number in [0, 1) that is a function of its arguments alone.
+
+    Args:
+        seed: Seed of the episode.
+        purpose: Number of the purpose, from 0.
+        number: Number of the draw for this purpose, as that of a vehicle, from 0.
+    """
     word = hashed(seed + GOLDEN * np.uint64(purpose + 1))
     word = hashed(word + GOLDEN * np.uint64(number + 1))
     return np.float64(word >> _S11) * _UNIT
@@ -31,7 +38,13 @@ def uniform(seed, purpose, number):
 
 @kernel
 def normal(seed, purpose, number):
-    """Return a standard normal number (Box and Muller 1958)."""
+    """Return a standard normal number (Box and Muller 1958), a function of its arguments alone.
+
+    Args:
+        seed: Seed of the episode.
+        purpose: Number of the purpose, from 0; two purposes of `uniform` are used for it.
+        number: Number of the draw for this purpose, as that of a vehicle, from 0.
+    """
     first = uniform(seed, 2 * purpose, number)
     second = uniform(seed, 2 * purpose + 1, number)
     return math.sqrt(-2.0 * math.log(1.0 - first)) * math.cos(2.0 * math.pi * second)
@@ -56,7 +69,18 @@ _CREEP = 0.3  # m/s; least speed of a projection
 
 @kernel
 def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
-    """Return `idm.acceleration`, m/s²."""
+    """Return `idm.acceleration`, m/s².
+
+    Args:
+        speed: Speed of the follower, m/s.
+        gap: Distance to the leader's rear, m; infinite without a leader.
+        leader_speed: Speed of the leader, m/s.
+        desired: Desired speed v0, m/s.
+        headway: Time headway T, s.
+        jam: Jam distance s0, m.
+        strongest: Largest acceleration a, m/s².
+        comfort: Comfortable deceleration b, m/s², positive.
+    """
     share = speed / desired
     power = share * share * share * share
     return limited(speed, gap, leader_speed, power, headway, jam, strongest, comfort)
@@ -64,7 +88,14 @@ def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
 
 @kernel
 def time_to(distance, speed, strongest, fastest):
-    """Return the time for a distance, accelerating up to a speed, s."""
+    """Return the time for a distance, accelerating up to a speed, s.
+
+    Args:
+        distance: The distance, m; it takes no time if it is not above 0.
+        speed: Speed at the start, m/s.
+        strongest: Acceleration, m/s².
+        fastest: Speed from which it is constant, m/s.
+    """
     if distance <= 0.0:
         return 0.0
     if speed >= fastest:
@@ -77,21 +108,38 @@ def time_to(distance, speed, strongest, fastest):
 
 @kernel
 def limit_at(line_first, line, vehicle, along):
-    """Return the largest speed on a vehicle's way, m/s."""
+    """Return the largest speed on a vehicle's way, m/s.
+
+    Args:
+        line_first: First point of each way, `Road.line_first`.
+        line: Points of all ways, one every metre, with the largest speed in m/s in the last column.
+        vehicle: Vehicle, numbered over all recordings.
+        along: Coordinate on its way, m.
+    """
     point = line_first[vehicle] + max(np.int64(along), 0)
     return line[min(point, line_first[vehicle + 1] - 1), 3]
 
 
 @kernel
 def ahead_of(stretch_first, stretch, pair, along, position):
-    """Return where another at `along` on its way is on one's own way, m.
+    """Return the coordinate of another vehicle on one's way, m.
 
-    Minus infinity if it isn't there ahead of one's `position`. `pair` has oneself first.
+    Args:
+        stretch_first: First stretch of each pair, `Road.stretch_first`.
+        stretch: Parts of a way that lie in another one, `Road.stretch`.
+        pair: Number of the pair, with oneself first.
+        along: Coordinate of that vehicle on the way it drives, m.
+        position: One's coordinate on one's way, m.
+
+    Returns:
+        Minus infinity if the vehicle is not ahead of `position` on one's way.
     """
     for number in range(stretch_first[pair], stretch_first[pair + 1]):
-        begin, end = stretch[number, 0], stretch[number, 1]
+        begin = stretch[number, 0]
+        end = stretch[number, 1]
         if begin <= along <= end:
-            low, high = stretch[number, 2], stretch[number, 3]
+            low = stretch[number, 2]
+            high = stretch[number, 3]
             at = low + (along - begin) * (high - low) / (end - begin)
             if at > position:
                 return at
@@ -102,7 +150,12 @@ def ahead_of(stretch_first, stretch, pair, along, position):
 def closed_line(closed_first, closed, vehicle, front, now):
     """Return the coordinate of the next line that is closed to a vehicle, m; infinity if none is.
 
-    `front` is the coordinate of its front, m, `now` the time from the recording's first frame, s.
+    Args:
+        closed_first: First closure of each way, `Road.closed_first`.
+        closed: Coordinate in m and begin and end in s of each closure, `Road.closed`.
+        vehicle: Vehicle, numbered over all recordings.
+        front: Coordinate of its front on its way, m.
+        now: Time from the recording's first frame, s.
     """
     for number in range(closed_first[vehicle], closed_first[vehicle + 1]):
         if closed[number, 0] > front and closed[number, 1] <= now < closed[number, 2]:
@@ -115,10 +168,19 @@ def waits(gap, through, speed, strongest, desired, margin, their_gap, their_thro
           rule, ranked):  # fmt: skip
     """Whether a vehicle may not enter a conflict area now.
 
-    `gap` is from its front to the area, m, `through` from its front to where its rear leaves it;
-    the other's gap is 0 or less if it is in the area. `margin` is what it leaves before a vehicle
-    with the right of way, s. `rule`: 1 if it yields, -1 if the other does, 0 if who comes first
-    goes first, or the `ranked` one if both arrive at one moment.
+    Args:
+        gap: Distance from its front to the area, m.
+        through: Distance that it drives until its rear has left the area, m.
+        speed: Its speed, m/s.
+        strongest: Its largest acceleration, m/s².
+        desired: Its desired speed, m/s.
+        margin: Time that it leaves before a vehicle with the right of way, s.
+        their_gap: Distance from the second vehicle's front to the area, m; 0 or less if that is in
+            it.
+        their_through: Distance that the second vehicle drives until its rear has left the area, m.
+        their_speed: Speed of the second vehicle, m/s.
+        rule: 1 if the vehicle yields, -1 if the second does, 0 if the first to come goes first.
+        ranked: Whether it goes first by rule 0 if both arrive at one moment.
     """
     arrives = time_to(gap, speed, strongest, max(desired, speed))
     clears = their_through / max(their_speed, _CREEP)
@@ -141,16 +203,28 @@ def waits(gap, through, speed, strongest, desired, margin, their_gap, their_thro
 def drive(road, traffic, row, base, count, vehicle, now):
     """Return a driver's acceleration, m/s², and write what is ahead of it to `barrier`.
 
-    `now` is the time from the recording's first frame, s.
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        traffic: Episodes, `gym.Traffic`.
+        row: Episode.
+        base: First vehicle of its recording.
+        count: Number of vehicles of its recording.
+        vehicle: Number of the driver's vehicle in its recording.
+        now: Time from the recording's first frame, s.
     """
-    along, speed = traffic.along[row, vehicle], traffic.speed[row, vehicle]
-    headway, jam = traffic.driver[row, vehicle, _T], traffic.driver[row, vehicle, _S0]
-    strongest, comfort = traffic.driver[row, vehicle, _A], traffic.driver[row, vehicle, _B]
-    free, margin = traffic.driver[row, vehicle, _V0], traffic.driver[row, vehicle, _MARGIN]
+    along = traffic.along[row, vehicle]
+    speed = traffic.speed[row, vehicle]
+    headway = traffic.driver[row, vehicle, _T]
+    jam = traffic.driver[row, vehicle, _S0]
+    strongest = traffic.driver[row, vehicle, _A]
+    comfort = traffic.driver[row, vehicle, _B]
+    free = traffic.driver[row, vehicle, _V0]
+    margin = traffic.driver[row, vehicle, _MARGIN]
     half = 0.5 * road.length[base + vehicle]
     pairs = road.pair_first[traffic.recording[row]] + vehicle * count
     desired = min(free, limit_at(road.line_first, road.line, base + vehicle, along))
-    recording, wait = traffic.recording[row], math.inf
+    recording = traffic.recording[row]
+    wait = math.inf
     gap, leader_speed = people.ahead(road, recording, traffic.step[row], base + vehicle, along)
     for slot in range(traffic.n_present[row]):
         partner = traffic.present[row, slot]
@@ -158,11 +232,13 @@ def drive(road, traffic, row, base, count, vehicle, now):
         number = road.area_of[pair]
         if number < 0 and road.stretch_first[pair] == road.stretch_first[pair + 1]:
             continue
-        their_along, their_speed = traffic.along[row, partner], traffic.speed[row, partner]
+        their_along = traffic.along[row, partner]
+        their_speed = traffic.speed[row, partner]
         other_half = 0.5 * road.length[base + partner]
         at = ahead_of(road.stretch_first, road.stretch, pair, their_along, along)
         if at > along and at - along - half - other_half < gap:
-            gap, leader_speed = at - along - half - other_half, their_speed
+            gap = at - along - half - other_half
+            leader_speed = their_speed
         if number < 0:
             continue
         before = road.area[number, 0] - half - along

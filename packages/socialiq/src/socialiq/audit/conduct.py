@@ -24,8 +24,8 @@ from socialiq.audit.report.folder import REPORT, check_target, files_of, write_f
 from socialiq.audit.request import Request, Trust, command_of, resolve_policy
 from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
+from socialiq.isolation import IsolationMode
 from socialiq.learners.callbacks import Report
-from socialiq.policies.isolation import IsolationMode
 from socialiq.reading import path_of
 
 Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress of something
@@ -40,8 +40,17 @@ class Conducted:
     log: Path | None  # folder of the audit log
 
     def write(self, out: Path, replace: bool) -> None:
-        """Write the report's folder, and the verdict into the log; `UserError` if that fails."""
-        profile, look = self.audited.profile, self.audited.look
+        """Write the report's folder, and the verdict into the log, if there is one.
+
+        Args:
+            out: Folder to write.
+            replace: Whether an earlier report in the folder is replaced.
+
+        Raises:
+            UserError: If a file or the log can't be written.
+        """
+        profile = self.audited.profile
+        look = self.audited.look
         files = files_of(self.report, profile, self.audited.evidence, self.audited.films)
         write_folder(out, files, replace)
         if self.log is not None and look is not None:
@@ -53,7 +62,12 @@ class Conducted:
 def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
     """Commit to policy and declaration of a later audit, which has a log, before its seed is known.
 
-    `source` is the origin of the seed: `look.of_nonce` or `of_beacon`.
+    Args:
+        request: Request of the audit, with the folder of its log.
+        source: Origin of the seed: the result of `look.of_nonce` or `look.of_beacon`.
+
+    Returns:
+        The look that the commitment counts as.
 
     Raises:
         UserError: If the request is invalid, or the log is damaged or can't be written.
@@ -71,7 +85,8 @@ def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
 
 def _plan(collection: Collection) -> Plan:
     """Return what the drivers of an audit commit to."""
-    request, profile = collection.request, collection.profile
+    request = collection.request
+    profile = collection.profile
     hashes = tuple(driver["sha256"] for driver in collection.references.records.values())
     commitment = Commitment(collection.loaded.record.sha256, profile.sha256)
     return Plan(commitment, profile, request.episodes, request.soft, hashes)
@@ -89,7 +104,7 @@ def conduct(
     Args:
         request: Request of the audit.
         print_line: Prints commitment and seed.
-        repeated: Seed and look of an earlier audit to repeat, which is no look of its own.
+        repeated: Seed and look of an earlier audit to repeat; a repetition is not a look.
         processes: Number of processes among which the episodes are split; 0 for this one.
         stage: Shows the progress of these.
 
@@ -97,7 +112,8 @@ def conduct(
         UserError: If the request is invalid, or the policy fails on the way.
     """
     request.check()
-    clock, started = time.monotonic(), datetime.datetime.now(datetime.UTC)
+    clock = time.monotonic()
+    started = datetime.datetime.now(datetime.UTC)
     profile = load(request.profile)
     world = profile.world(request.trust.allow_code)
     traffic = () if request.shift is None else other_traffic(profile, request.shift)
@@ -142,7 +158,9 @@ def _audited(
 ) -> Audited:
     """Run all drivers in each traffic, by this process or several, and some episodes again."""
     declared = collections[0]
-    request, world, loaded = declared.request, declared.world, declared.loaded
+    request = declared.request
+    world = declared.world
+    loaded = declared.loaded
 
     def driven(collection: Collection) -> Evidence:
         purpose = "episodes" if collection.traffic is None else f"shift {collection.traffic}"
@@ -196,13 +214,14 @@ def audit_policy(
         profile: File of the declaration: the `source` of the result of `declare`.
         out: Folder to write.
         episodes: Number of episodes of every driver.
-        seed: Seed of a trial or a repetition, which no log keeps; by default drawn after policy
-            and declaration were hashed.
+        seed: Seed of a trial or a repetition, which no log keeps; by default drawn after policy and
+            declaration were hashed.
         references: Further drivers to compare with; in an environment at least one.
         allow_code: Whether named Python modules may run without isolation, and an environment's
             module may be imported.
         replace: Whether an earlier report in the folder is replaced.
-        log: Folder of the audit log; by default `audit-log` beside `out`, none with a seed.
+        log: Folder of the audit log; by default `audit-log` in the folder of `out`, none with a
+            seed.
         no_log: Whether to keep no log.
         isolation: Isolation of processes and Python modules: where bubblewrap works, always, never.
         files: Further files and folders of these, which their hash covers.
@@ -213,7 +232,8 @@ def audit_policy(
     Raises:
         UserError: If the request is invalid, or the policy fails on the way.
     """
-    out, log = path_of(out), None if log is None else path_of(log)
+    out = path_of(out)
+    log = None if log is None else path_of(log)
     check_target(out, replace)
     request = Request(
         str(policy),
@@ -230,9 +250,14 @@ def audit_policy(
 
 
 def log_folder(out: Path, log: Path | None, no_log: bool, seed: int | None) -> Path | None:
-    """Return the folder of the audit log: by default `audit-log` beside the report's folder.
+    """Return the folder of the audit log, None for an audit without a log.
 
-    An audit with a seed known beforehand is a trial or a repetition: by default it has no log.
+    Args:
+        out: Folder of the report. By default the log is `audit-log` in the same folder.
+        log: Folder that the user names, if any.
+        no_log: Whether to keep no log.
+        seed: Seed known beforehand. Such an audit is a trial or a repetition: by default it has no
+            log.
 
     Raises:
         UserError: If a log is named and refused at once.

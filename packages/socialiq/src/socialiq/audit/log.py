@@ -28,7 +28,9 @@ from socialiq.reading import open_file
 Entry = Mapping[str, Any]
 """One line: number, kind, time, previous, sha256, and the fields of its kind."""
 
-COMMITMENT, SEED, RESULT = "commitment", "seed", "result"
+COMMITMENT = "commitment"
+SEED = "seed"
+RESULT = "result"
 """Kinds of lines: what was committed to, the seed that came after it, the verdict."""
 
 LARGEST_LOG = 64 * 1024 * 1024  # bytes; about 50,000 looks
@@ -42,8 +44,8 @@ _INVISIBLE = re.compile("FILLER|MODIFIER LETTER|TATWEEL")
 class Subject(NamedTuple):
     """Owner and scenario of a log; every look at it counts, whatever policy or profile it names.
 
-    A byte of a profile or a policy is free to change, so a count for each of them would be a count
-    of nothing.
+    A byte of a profile or a policy is free to change, so a count for each of them would not limit
+    the number of looks.
     """
 
     owner: str
@@ -74,7 +76,7 @@ class Subject(NamedTuple):
         return _sha256(f"{_PURPOSE}\n{self.plain_owner}\n{self.scenario_sha256}\n")
 
     def path_in(self, folder: Path) -> Path:
-        """Return the path of its log, whose name ends in the hash: the one that is there, or a new.
+        """Return the path of its log, whose name ends in the hash: an existing one, or a new one.
 
         Raises:
             UserError: If there are several, which have to be counted together.
@@ -95,7 +97,9 @@ class AuditLog:
     """
 
     def __init__(self, path: Path, subject_sha256: str, entries: list[Entry]) -> None:
-        self.path, self.subject_sha256, self.entries = path, subject_sha256, entries
+        self.path = path
+        self.subject_sha256 = subject_sha256
+        self.entries = entries
 
     @property
     def head(self) -> str:
@@ -118,12 +122,31 @@ class AuditLog:
         return hashes.index(sha256) + 1 if sha256 in hashes else 0
 
     def following(self, kind: str, commitment: str) -> Entry | None:
-        """Return the first line of a kind that belongs to a commitment."""
+        """Return the first line of a kind that belongs to a commitment.
+
+        Args:
+            kind: `SEED` or `RESULT`.
+            commitment: Hash of the commitment's line.
+
+        Returns:
+            The line, or None if the log has none.
+        """
         entries = (entry for entry in self.entries if entry["kind"] == kind)
         return next((entry for entry in entries if entry["commitment"] == commitment), None)
 
     def append(self, kind: str, fields: Mapping[str, Any]) -> Entry:
-        """Write one more line, on the disk when this returns; `UserError` if that fails."""
+        """Write one more line; it is on the disk when this returns.
+
+        Args:
+            kind: Kind of the line.
+            fields: Fields of this kind; number, time and hashes are added.
+
+        Returns:
+            The line that was written.
+
+        Raises:
+            UserError: If it can't be written; a part of a line is removed again.
+        """
         entry = {
             "number": len(self.entries) + 1,
             "kind": kind,

@@ -29,14 +29,18 @@ def spend(error: float, look: int) -> float:
     after all results before it, so it keeps its level whatever those were, and whatever decided
     that there is another look. By Boole's inequality the chance that any look of a log passes
     wrongly is therefore at most `error`. This is error spending (Lan and DeMets 1983) with a
-    spending function for an unlimited number of looks. The error is that of the whole log.
+    spending function for an unlimited number of looks.
+
+    Args:
+        error: Error of the whole log.
+        look: Number k of the look, from 1.
     """
     return error / (look * (look + 1))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that decides an audit but for its seed; it is fixed by the commitment."""
+    """Everything that decides an audit except its seed; it is fixed by the commitment."""
 
     commitment: Commitment
     profile: Profile
@@ -83,7 +87,10 @@ class Opened(NamedTuple):
 def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
     """Record a commitment, which counts as a look from now on, whether or not it is continued.
 
-    `source` is the origin of the seed as fields of the line: `of_nonce` or `of_beacon`.
+    Args:
+        folder: Folder of the log.
+        plan: Everything that decides the audit except its seed.
+        source: Origin of the seed as fields of the line: `of_nonce` or `of_beacon`.
 
     Raises:
         UserError: If the log is damaged, can't be written, or has too many looks.
@@ -146,9 +153,11 @@ def of_beacon(number: int) -> dict[str, Any]:
 
 
 def draw(commitment: Commitment, seed: int | None = None) -> Draw:
-    """Draw the audit's seed from the operating system's entropy, or take the auditor's.
+    """Return the audit's seed: drawn from the operating system's entropy, or the auditor's.
 
-    The commitment must precede the draw.
+    Args:
+        commitment: Commitment, which must precede the draw.
+        seed: The auditor's seed; None to draw one from 0 to `LARGEST_SEED`.
     """
     if seed is None:
         return Draw(commitment, secrets.randbelow(LARGEST_SEED + 1), "system entropy")
@@ -161,6 +170,11 @@ def reveal(commitment: Commitment, entry_sha256: str, revealed: Nonce | Round) -
     The hash of the commitment's line in the log covers everything that was committed to, and all
     that the log held before, so two commitments never meet the same episodes, even by one nonce or
     round. The seed is the lowest 53 bits of a hash: uniform over all seeds.
+
+    Args:
+        commitment: Commitment to policy and declaration.
+        entry_sha256: Hash of the commitment's line in the log.
+        revealed: The nonce or the round that the commitment names.
     """
     nonce = isinstance(revealed, Nonce)
     secret = revealed.value if nonce else revealed.randomness
@@ -173,8 +187,11 @@ def reveal(commitment: Commitment, entry_sha256: str, revealed: Nonce | Round) -
 def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | None = None) -> Opened:
     """Commit and learn the seed, or continue the commitment that names the nonce or the round.
 
-    Without a folder there is no log. The origin is the auditor's seed, which is no look, a revealed
-    nonce or a published round; None draws the seed from the system's entropy.
+    Args:
+        folder: Folder of the log; None for an audit without a log.
+        plan: Everything that decides the audit except its seed.
+        origin: The auditor's seed, which is no look, a revealed nonce or a published round; None
+            draws the seed from the system's entropy.
 
     Raises:
         UserError: If the log is damaged or can't be written, no open commitment of the same plan
@@ -203,7 +220,7 @@ def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | Non
 
 
 def _committed(log: AuditLog, plan: Plan, origin: Nonce | Round) -> Entry:
-    """Return the open commitment that names a nonce or a round, if it is of this plan."""
+    """Return the open commitment that names a nonce or a round, if it belongs to this plan."""
     naming = [entry for entry in log.commitments if entry["seed"] == of_revealed(origin)]
     if not naming:
         nonce = isinstance(origin, Nonce)
@@ -245,7 +262,18 @@ _WORDS = {
 
 
 def record(folder: Path, subject: Subject, look: Look, decision: str, report_sha256: str) -> None:
-    """Record the decision of a look and its report's hash; `UserError` if the log is damaged."""
+    """Record the decision of a look in its log.
+
+    Args:
+        folder: Folder of the log.
+        subject: Owner and scenario.
+        look: The look.
+        decision: Decision as in the report: "pass", "fail" or "inconclusive".
+        report_sha256: SHA-256 of the report's `report.json`.
+
+    Raises:
+        UserError: If the log is damaged or can't be written.
+    """
     with logs.locked(folder, subject) as log:
         outcome = {"decision": decision, "report_sha256": report_sha256}
         log.append(logs.RESULT, {"commitment": look.entry, **outcome})

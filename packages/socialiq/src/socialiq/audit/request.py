@@ -9,27 +9,34 @@ import itertools
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.profile.profile import Profile
 from socialiq.audit.seeds import LARGEST_SEED, Nonce, Round, check_episodes
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import MODES
 from socialiq.foreign import one_line
+from socialiq.isolation import IsolationMode, isolation_of
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.policies.interface import Interface, Loaded, Record
-from socialiq.policies.isolation import IsolationMode, isolation_of
+from socialiq.policies.drivers import (
+    ATLAS,
+    RULE,
+    atlas_file,
+    finished,
+    of_classes,
+    parse,
+    rule_of,
+)
+from socialiq.policies.interface import Interface, Loaded
 from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process import GIB, Limits
-from socialiq.provenance import package_sha256
 from socialiq.storage import kind_of, packaged_results
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.world import World
 
-ATLAS = "atlas:"
 GAPS = ("gap_2s", "gap_3s", "gap_4s")
 EVERY = 15.0  # degrees between the references that are made of a dial
 FINE = 5.0  # degrees between them near the declared angle
@@ -42,7 +49,6 @@ SHIPPED_DIALS = {
 """Dial that was trained for the rewards of a world."""
 DIALS = {kind.KIND: kind for kind in (DialPolicy, ActorDial, ClassDial)}
 DIAL = "dial_"  # beginning of the names of the shipped dial's policies, before their angles
-RULE = "rule"  # kind of a rule-based driver, in its record
 SUFFIXES = (".safetensors", ".zip", ".onnx")  # names of files that may be policies end so
 
 
@@ -64,7 +70,7 @@ class Request:
     """Request of an audit."""
 
     policy: str  # a specification as for `resolve_policy`
-    profile: Path  # file of the declaration
+    profile: Path | Profile  # declaration, or its file
     episodes: int  # of every driver
     seed: int | Nonce | Round | None = None  # what the auditor gives (`origin_of`); None draws it
     references: tuple[str, ...] = ()  # files, or "python:FILE.py:NAME"
@@ -91,8 +97,17 @@ class Request:
 
 
 def command_of(request: Request, seed: int) -> str:
-    """Return the command that repeats an audit, without its output folder."""
-    words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
+    """Return the command that repeats an audit, without its output folder.
+
+    Args:
+        request: Request of the audit.
+        seed: Seed of the whole audit.
+
+    Returns:
+        One line for a shell. Options at their defaults are left out.
+    """
+    file = str(request.profile) if isinstance(request.profile, Path) else "profile.toml"
+    words = ["socialiq", "audit", request.policy, "--profile", file]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
     words += [word for reference in request.references for word in ("--reference", reference)]
     words += [f"--{flag}" for flag in ("films", "soft") if getattr(request, flag)]
@@ -101,7 +116,8 @@ def command_of(request: Request, seed: int) -> str:
     words += [word for file in request.trust.files for word in ("--files", file)]
     if request.trust.isolation != "auto":
         words += ["--isolation", request.trust.isolation]
-    limits, usual = request.trust.limits, Limits()
+    limits = request.trust.limits
+    usual = Limits()
     if limits.step != usual.step:
         words += ["--step-seconds", f"{limits.step:g}"]
     if limits.memory != usual.memory:
@@ -115,35 +131,42 @@ def is_code(spec: str) -> bool:
 
 
 def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
-    """Load the policy under audit; a dial is set at the declared angle in degrees.
+    """Load the policy under audit.
 
-    It is named as for `policies.load.load_policy`, by `atlas:NAME`, or as a rule-based driver.
+    Args:
+        spec: Driver in the grammar of `policies.drivers`.
+        world: World of the declaration.
+        angle: Declared angle in degrees, at which a dial is set.
+        trust: Permissions of a policy that is code.
 
     Raises:
         UserError: If it can't be read, or doesn't fit the world.
     """
+    driver = parse(spec)
+    text = spec
+    spec = driver.spec
     if spec in world.drivers:
-        return rule_of(spec, world)
-    file, name = spec, spec.removeprefix(ATLAS)
-    if name != spec and world.name in INTERSECTIONS:
-        file = str(atlas.path_for(name, cast(Any, world).options))
-    elif name != spec:
-        file = str(atlas.path_of(name, _studies(world)))
+        return finished(driver, rule_of(spec, world), world)
+    file = spec
+    name = spec.removeprefix(ATLAS)
+    if name != spec:
+        file = atlas_file(name, world)
     elif ":" not in spec and not Path(spec).exists():
         if Path(spec).suffix in SUFFIXES:
             raise UserError(f"no such file: {one_line(spec)}")
         choices = list(KINDS)
-        choices += ["atlas:NAME"] if world.name in INTERSECTIONS else []
+        choices += ["atlas:NAME"] if world.shipped else []
         if world.drivers:
             choices.append(f"a rule-based driver ({', '.join(world.drivers)})")
         raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(choices)}")
-    loaded = _file(file, world, angle, trust)
-    record = loaded.record if file == spec else dataclasses.replace(loaded.record, source=spec)
+    turned = angle if driver.angle is None else driver.angle
+    loaded = finished(driver, _file(file, world, turned, trust, driver.class_angle), world)
+    record = loaded.record if file == text else dataclasses.replace(loaded.record, source=text)
     return dataclasses.replace(loaded, record=record)
 
 
 class References(NamedTuple):
-    """Reference drivers besides those of `collect_evidence`, and their records by name.
+    """Reference drivers that are not those of `collect_evidence`, and their records by name.
 
     `itself` has the names of all references that are the policy under audit itself.
     """
@@ -163,14 +186,24 @@ def resolve_references(
 ) -> References:
     """Load the drivers to compare with, and say which are the policy under audit, by its record.
 
-    The user's references are files, of which a dial gives several drivers, or
-    "python:FILE.py:NAME"; `closing` ends the processes of these. Dials, and the shipped one,
-    are set at the given angles, in degrees. At the intersection the gap rules, and the shipped dial
-    and experts that are installed and fit the world, come before the user's.
+    At the intersection the gap rules, and the shipped dial and experts that are installed and fit
+    the world, come before the user's.
+
+    Args:
+        world: World of the declaration.
+        specs: The user's references: files, or "python:FILE.py:NAME". A dial gives several drivers.
+        policy: Record of the policy under audit, as JSON.
+        trust: Permissions of references that are code.
+        closing: Ends the processes of references that are code.
+        angles: Angles in degrees at which dials are set, where their range has them.
+
+    Raises:
+        UserError: If a reference can't be read, or doesn't fit the world.
     """
     drivers = list[tuple[Reference, dict[str, Any]]]()
-    if world.name in INTERSECTIONS:
-        shipped, interface = atlas.names(_studies(world)), Interface.of(world)
+    if world.shipped:
+        shipped = atlas.names(world.shipped)
+        interface = Interface.of(world)
         rules_and_experts = [(name, rule_of(name, world)) for name in GAPS]
         for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
             name = f"{family}_{mode}"
@@ -205,7 +238,10 @@ def reference_dial(specs: Sequence[str | Path]) -> DialPolicy:
 def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[str, Any]) -> bool:
     """Whether a reference is the policy under audit itself, by their records as JSON.
 
-    References of `collect_evidence` have no record, only a name.
+    Args:
+        name: Name of the reference.
+        reference: Its record; None for a reference of `collect_evidence`, which has only a name.
+        policy: Record of the policy.
     """
     if reference is None:
         return policy["kind"] == RULE and policy["source"] == name
@@ -216,7 +252,16 @@ def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[st
 
 
 def dial_angles(angle: float, width: float | None) -> tuple[float, ...]:
-    """Return the angles at which an audit sets a dial, degrees: with a width, more of them near."""
+    """Return the angles at which an audit sets a dial.
+
+    Args:
+        angle: Declared angle in degrees.
+        width: Declared width in degrees, which adds angles near the declared one; None if there is
+            none.
+
+    Returns:
+        Angles from 0 to 90 degrees, rising.
+    """
     angles = {EVERY * step for step in range(7)}
     if width is not None:
         angles |= {angle - width, angle + width, *(angle + step * FINE for step in range(-2, 3))}
@@ -224,7 +269,15 @@ def dial_angles(angle: float, width: float | None) -> tuple[float, ...]:
 
 
 def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:
-    """Return the drivers of the shipped dial at angles in degrees, none if it doesn't fit."""
+    """Return the drivers of the shipped dial.
+
+    Args:
+        world: World of the declaration.
+        angles: Angles in degrees.
+
+    Returns:
+        A reference and its record for each angle; none if no shipped dial fits the world.
+    """
     dial = packaged_results() / SHIPPED_DIALS.get(world.name, "")
     if not dial.is_file() or not _fits(DIALS[kind_of(dial)].load(dial), Interface.of(world)):
         return []
@@ -233,7 +286,7 @@ def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference,
 
 
 def _fits(policy: Any, interface: Interface) -> bool:
-    """Whether a policy has a world's actions and observations, or the time besides."""
+    """Whether a policy has a world's actions and observations; it may take the time too."""
     size = getattr(policy, "action_size", 0)
     actions = size if interface.action_size else policy.n_actions
     clocked = policy.n_features - interface.n_features in (0, 1)
@@ -252,11 +305,6 @@ def _turned(
         record = {**loaded.record.as_json(), "sha256": sha256}
         drivers.append((Reference(f"{prefix}{angle:g}", loaded.policy, angle), record))
     return drivers
-
-
-def _studies(world: World) -> tuple[str, ...]:
-    """Return the studies of the atlas whose policies have the world's kind of actions."""
-    return atlas.CONTINUOUS_STUDIES if world.action_size else atlas.STUDIES
 
 
 def _named(
@@ -281,9 +329,12 @@ def _named(
     return _turned(path, f"{one_line(path.stem)} at ", angles, world)
 
 
-def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
+def _file(
+    spec: str, world: World, angle: float, trust: Trust, class_angle: float | None = None
+) -> Loaded:
     """Load a policy's file; where the world `shows_time`, its input may have the time too."""
-    interface, code = Interface.of(world), is_code(spec)
+    interface = Interface.of(world)
+    code = is_code(spec)
     return load_policy(
         spec,
         interface.n_features,
@@ -295,28 +346,5 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
         isolation=isolation_of(trust.isolation) if code else None,
         files=trust.files if code else (),
         clock=world.shows_time,
-        **of_classes(world),
+        **of_classes(world, class_angle),
     )
-
-
-def of_classes(world: Any) -> dict[str, Any]:
-    """Return how `load_policy` reads policies for a world with classes of road users."""
-    classes = getattr(world, "options", world)
-    narrow, class_angle = getattr(world, "narrow", ()), getattr(classes, "class_angle", None)
-    return {"narrow": narrow, "class_angle": class_angle}
-
-
-def rule_of(name: str, world: World, seed: int = 0) -> Loaded:
-    """Return a rule-based driver of a world, one of its `drivers`, with its record.
-
-    With continuous actions a rule accelerates and does not steer; the seed is of the random driver.
-    """
-    sha256 = rule_sha256(name, package_sha256())
-    covers = "the rule's name and this package's code"
-    record = Record(RULE, name, sha256, covers, Interface.of(world), False)
-    return Loaded(world.driver(name, seed), record)
-
-
-def rule_sha256(name: str, package: str) -> str:
-    """Return the hash of a rule-based driver: it covers its name and the package's hash."""
-    return hashlib.sha256(f"rule {name}\n{package}\n".encode()).hexdigest()

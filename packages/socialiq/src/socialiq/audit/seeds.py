@@ -63,7 +63,8 @@ class Nonce:
 
 def write_nonce(path: Path) -> Nonce:
     """Draw a nonce into a new file that only its user can read; `UserError` if there is one."""
-    nonce, created = Nonce(secrets.token_hex(32)), False
+    nonce = Nonce(secrets.token_hex(32))
+    created = False
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         created = True
@@ -90,7 +91,8 @@ def read_nonce(path: Path) -> Nonce:
 CHAIN = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971"
 """Hash of quicknet's parameters, by which drand's addresses name it (`chain_sha256`)."""
 
-PERIOD, GENESIS = 3, 1692803367  # seconds between rounds; time of round 1, in seconds since 1970
+PERIOD = 3  # seconds between rounds
+GENESIS = 1692803367  # time of round 1, in seconds since 1970
 
 PUBLIC_KEY = bytes.fromhex(
     "83cf0f2896adee7eb8b5f01fcad3912212c437e0073e911fb90022d3e760183c"
@@ -163,7 +165,8 @@ def read_round(path: Path) -> Round:
     """Read a round as drand's relays give it, in JSON; `UserError` unless the network signed it."""
     content = read_json(path, _LARGEST)
     fields = content if isinstance(content, dict) else {}
-    number, signature = fields.get("round"), fields.get("signature")
+    number = fields.get("round")
+    signature = fields.get("signature")
     is_text = isinstance(signature, str)
     if type(number) is not int or not is_text or not _SIGNATURE.fullmatch(signature):
         raise UserError(

@@ -3,9 +3,10 @@
 import datetime
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -13,11 +14,11 @@ from socialiq.audit import conduct, log, look, seeds
 from socialiq.audit.report import folder, views
 from socialiq.audit.request import Request, Trust
 from socialiq.audit.verdict.regret import Decision
-from socialiq.cli.output import Display, Printing, print_json, print_table, say
+from socialiq.cli.output import Display, Printing, Result, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes
+from socialiq.isolation import IsolationMode
 from socialiq.outputs import check_ending
-from socialiq.policies.isolation import IsolationMode
 from socialiq.policies.process import limits_of
 
 _AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
@@ -100,9 +101,11 @@ class Audit(Printing):
     replace: bool = False
     """Replace an earlier report in the folder."""
 
-    def run(self) -> int:
-        """Audit, write the report, print the verdict."""
-        folder.check_target(self.out, self.replace)
+    def result(self) -> Result:
+        """Audit, write the report."""
+        out: Path | None = self.out  # a function may have none
+        if out:
+            folder.check_target(out, self.replace)
         check_processes(self.processes)
         request = Request(
             policy=self.policy,
@@ -115,28 +118,45 @@ class Audit(Printing):
             threads=self.threads,
             films=self.films,
             shift=self.shift,
-            log=conduct.log_folder(self.out, self.log, self.no_log, self.seed),
+            log=conduct.log_folder(out or Path("audit"), self.log, self.no_log, self.seed),
         )
         if self.processes:
             with Display() as display:
                 done = conduct.conduct(request, say, None, self.processes, display.stage)
         else:
             done = conduct.conduct(request, say)
-        done.write(self.out, self.replace)
-        report, verdict = done.report, done.report["verdict"]
+        if out:
+            done.write(out, self.replace)
+        verdict = done.report["verdict"]
+        headline = f"{Decision(verdict['decision']).headline}: {verdict['reason']}"
+        tests = views.tested(done.report)
+        columns = [name for name in tests[0] if name != "name"]  # at most 80 characters wide
+        rows = [{name: row[name].replace("−", "-") for name in columns} for row in tests]
+        return Result(done.report, rows, headline)
+
+    def show(
+        self, result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], title: str = ""
+    ) -> int:
+        """Print the verdict; return its exit status.
+
+        Args:
+            result: Content of `report.json`.
+            rows: The tests.
+            title: The verdict in a line.
+        """
+        report: Any = result
+        verdict = report["verdict"]
         if self.json:
             sys.stdout.write(json.dumps(report, allow_nan=False) + "\n")
             return int(verdict["exit_code"])
-        lines = [f"{Decision(verdict['decision']).headline}: {verdict['reason']}"]
+        lines = [title]
         lines += [f"Note: {caveat['text']}" for caveat in report["caveats"]]
         if verdict["needed"]:
             lines.append(f"About {verdict['needed']} episodes would decide.")
         if sentence := views.not_excluded(report):
             lines.append(sentence.replace("°", " degrees"))
         sys.stdout.write("".join(f"{line}\n" for line in lines))
-        tests = views.tested(report)
-        columns = [name for name in tests[0] if name != "name"]  # at most 80 characters wide
-        print_table([{name: row[name].replace("−", "-") for name in columns} for row in tests])
+        print_table(rows)
         sys.stdout.write(f"{views.other_passes(report)}\n")
         if report["shift"]:
             sys.stdout.write(f"{report['shift']['sentence']}\n")

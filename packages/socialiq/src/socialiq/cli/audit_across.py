@@ -77,7 +77,8 @@ _IDENTITIES: dict[str, Any] = {
 
 
 def _row(folder: Path, report: dict[str, Any]) -> Row:
-    scenario, look = report["declaration"]["scenario"], report["look"]
+    scenario = report["declaration"]["scenario"]
+    look = report["look"]
     options = ", ".join(f"{name} {value}" for name, value in scenario["options"].items())
     return {
         "folder": str(folder),

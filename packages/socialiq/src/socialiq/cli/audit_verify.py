@@ -71,7 +71,8 @@ class Verify(Printing):
         key = None if self.key is None else signature.read_public_key(self.key)
         specs = () if self.rerun else self.reference  # a rerun drives them anyway
         findings = verify.check_folder(self.folder, specs, self.all_episodes)
-        faults, checked = findings.faults, list(findings.checked)
+        faults = findings.faults
+        checked = list(findings.checked)
         if key is not None and not faults:
             faults = signature.faults_of_signature(verify.content_of(self.folder), key)
             checked.append(f"signature by the key {signature.key_id(key)}")
@@ -107,7 +108,8 @@ class Verify(Printing):
 
     def _print(self, findings: verify.Findings, checked: list[str], claims: list[str]) -> None:
         """Print what was checked, and what is left to believe."""
-        unknown, report = findings.not_checked, verify.read_report(self.folder / REPORT)
+        unknown = findings.not_checked
+        report = verify.read_report(self.folder / REPORT)
         if unknown:
             line = (
                 f"is not checked as a whole: this version of socialiq would not write "

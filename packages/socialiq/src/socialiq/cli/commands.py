@@ -17,6 +17,7 @@ from typing import Annotated, Any
 _PACKAGES = ("socialiq", "socialiq_recordings", "socialiq_lab")
 
 COMMANDS = {
+    "worlds": "socialiq.cli.worlds:Worlds",
     "solve": "socialiq.cli.solve:Solve",
     "front": "socialiq.cli.solve:Front",
     "predict-lambda": "socialiq.cli.solve:PredictLambda",
@@ -174,8 +175,18 @@ _NO_OPTION = ""  # of a word that is told by its place
 
 
 def declared_options(module: str, name: str) -> list[str]:
-    """Return the options of a class of this workspace, without their dashes, by its source."""
-    tree, (head, _, last) = _source(module), name.partition(".")
+    """Return the options of a class of this workspace, without their dashes, by its source.
+
+    Args:
+        module: Name of the module.
+        name: Name of a class, or of a module that this one imports and a class in it, with a dot.
+
+    Returns:
+        Options in the order of the fields, those of base classes first; none for a class of another
+        project. Words that are told by their place are left out.
+    """
+    tree = _source(module)
+    head, _, last = name.partition(".")
     for node in tree.body if tree else ():
         if isinstance(node, ast.ImportFrom) and node.module:
             source = {alias.asname or alias.name: alias.name for alias in node.names}.get(head)

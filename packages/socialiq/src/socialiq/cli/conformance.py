@@ -14,14 +14,13 @@ from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import Display, Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
+from socialiq.worlds.grammar import road_of
 from socialiq.worlds.highway import PORTABLE
+from socialiq.worlds.highway.kinds import kind_with, parts_of
 from socialiq.worlds.intersection.options import (
     MULTI_AGENT,
-    ContinuousOptions,
-    FleetOptions,
     Options,
 )
-from socialiq.worlds.intersection.world import Intersection
 
 _COUNTS = ("episodes", "steps", "off_road")
 _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
@@ -37,7 +36,7 @@ class Conformance(Printing):
     """
 
     scene: Literal["intersection", "merge", "roundabout", "two_way"] = "intersection"
-    """Road to compare; other options of traffic, actions and drivers are of the intersection."""
+    """Road to compare; other options of traffic, agents and drivers are of the intersection."""
     episodes: int = 20
     """Episodes to compare."""
     driver: str = ""
@@ -64,7 +63,7 @@ class Conformance(Printing):
         """Compare, by default in a process with portable arithmetic."""
         if self.episodes < 1:
             raise UserError(f"episodes must be at least 1, got {self.episodes}")
-        for name in ("driver", "population", "connected", "actions", "agents", "offroad_terminal"):
+        for name in ("driver", "population", "connected", "agents", "offroad_terminal"):
             is_given = getattr(self, name) != getattr(Conformance, name)
             if is_given and self.scene != "intersection":
                 option = name.replace("_", "-")
@@ -73,15 +72,14 @@ class Conformance(Printing):
                 )
         if self.offroad_terminal and self.actions == "discrete":
             raise UserError("--offroad-terminal is of continuous actions: add --actions")
-        if self.agents != 1 and not (2 <= self.agents <= 4 and self.actions == "discrete"):
-            raise UserError(f"--agents takes 1 to 4, with discrete actions, got {self.agents}")
+        if not 1 <= self.agents <= 4:
+            raise UserError(f"--agents takes 1 to 4, got {self.agents}")
         traffic: dict[str, Any] = {"population": self.population, "connected_lanes": self.connected}
-        options = Options(**traffic)
         if self.agents > 1:
-            options = FleetOptions(agents=self.agents, **MULTI_AGENT, **traffic)
+            traffic |= {"agents": self.agents, **MULTI_AGENT}
         if self.actions != "discrete":
-            traffic["offroad_terminal"] = self.offroad_terminal
-            options = ContinuousOptions(actions=self.actions, **traffic)
+            traffic |= {"actions": self.actions, "offroad_terminal": self.offroad_terminal}
+        options = kind_with(Options, parts_of(traffic))(**traffic)
         if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
             command = [sys.executable, "-m", "socialiq", "conformance"]
             for name, value in {**dataclasses.asdict(self), "json": self.json}.items():
@@ -104,13 +102,15 @@ class Conformance(Printing):
         if self.scene == "intersection":
             driver = None
             if self.driver:
-                driver = driver_of(self.driver, Intersection(options), seed=self.seed).policy
+                driver = driver_of(self.driver, road_of(options), seed=self.seed).policy
             compared = conformance.compare_intersection(options, self.episodes, self.seed, driver)
         else:
-            compared = conformance.compare_scene(self.scene, self.episodes, self.seed)
+            how = self.episodes, self.seed, self.actions
+            compared = conformance.compare_scene(self.scene, *how)
         rows = []
         with Display() as display:
-            report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)
+            report = display.stage("conformance")
+            clock = Clock(0, self.episodes, 1)
             for episode in compared:
                 rows.append(episode)
                 progress = clock.report(len(rows), {}, {}, ())

@@ -1,16 +1,16 @@
 """`collect`: demonstrations of experts or given drivers; `data from-...`, `to-...`: other files."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 
 from socialiq.audit.report.signature import read_private_key
-from socialiq.cli.drivers import driver_of
+from socialiq.cli.drivers import driver_in, driver_of, with_one_ego
 from socialiq.cli.output import Printing
-from socialiq.cli.profile import world_options
 from socialiq.cli.signing import path_of_signature, sign_model
 from socialiq.cli.words import refuse_unused
 from socialiq.datasets import arrays, minari, step_files, trajectories
@@ -22,17 +22,25 @@ from socialiq.evaluation import labels, malice, rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
-from socialiq.policies.load import load_policy
+from socialiq.policies.load import name_of
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
-from socialiq.worlds import CONTINUOUS, registry
+from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.environment import action_size, is_environment, make_environment, sizes
+from socialiq.worlds.environment import is_environment, make_environment
+from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.world import RoadWorld
-from socialiq.worlds.intersection.world import Batch, Intersection
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
 _CODE = ("python:", "process:")
+
+
+class Mode(NamedTuple):
+    """Driver with the name of its mode, as a function may pass it."""
+
+    name: str
+    driver: Any  # text, or a policy
+
 
 OF_ATTACKERS = 1_000_000
 """Seeds of attackers' episodes begin so far after those of the others."""
@@ -100,6 +108,22 @@ class Collect(Printing):
 
     def run(self) -> int:
         """Collect, mix, write, print the counts."""
+        mixed, sha256 = self.written()
+        return show_counts(self, sha256, mixed)
+
+    def written(self) -> tuple[Demonstrations, str]:
+        """Collect, mix and write; return the demonstrations, and the SHA-256 of their content."""
+        if self.key is not None:
+            read_private_key(self.key)
+        refuse_existing(self.out)
+        mixed = self.demonstrations()
+        sha256 = files.save(self.out, mixed, replace=False)
+        if self.key is not None:
+            write_atomically(path_of_signature(self.out), sign_model(self.out, self.key))
+        return mixed, sha256
+
+    def demonstrations(self) -> Demonstrations:
+        """Collect and mix."""
         one_of("mixture", self.mixture, tuple(mixture.MIXTURES))
         for name, options in _OF_MIXTURE.items():
             if name != self.mixture:
@@ -109,21 +133,14 @@ class Collect(Printing):
             refuse_unused(self, ("forge",), "--malicious")
         if self.forge:
             one_of("forgery", self.forge, ("absolute", "adaptive"))
-        if self.key is not None:
-            read_private_key(self.key)
-        refuse_existing(self.out)
         mixed = self.mix()
-        mixed = self.poisoned(mixed) if self.malicious else mixed
-        sha256 = files.save(self.out, mixed, replace=False)
-        if self.key is not None:
-            write_atomically(path_of_signature(self.out), sign_model(self.out, self.key))
-        return show_counts(self, sha256, mixed)
+        return self.poisoned(mixed) if self.malicious else mixed
 
     def mix(self) -> Demonstrations:
         """Return the demonstrations that the options describe."""
-        steered = self.world in CONTINUOUS
-        driven = self.driver or steered or is_environment(self.world)
-        pools = self.driven() if driven else self.experts()
+        written = grammar.parse(self.world, grammar.set_options(self.set))
+        driven = self.driver or written.control or is_environment(self.world)
+        pools = self.driven(written) if driven else self.experts()
         if self.mixture == "equal_trajectories":
             return mixture.equal_trajectories(pools, self.episodes, self.seed)
         if self.mixture == "equal_transitions":
@@ -143,7 +160,8 @@ class Collect(Printing):
 
     def poisoned(self, honest: Demonstrations) -> Demonstrations:
         """Return the demonstrations with attackers in the place of a share of the episodes."""
-        name, count = self.malicious, round(self.share * honest.n_episodes)
+        name = self.malicious
+        count = round(self.share * honest.n_episodes)
         if name not in malice.ATTACKERS and ":" not in name:
             one_of("attacker", name, (*malice.ATTACKERS, "FILE.py:NAME"))
         from socialiq.learners.extensions import load  # it imports JAX
@@ -154,10 +172,10 @@ class Collect(Printing):
         if count == 0:
             return honest
         seed = self.seed + OF_ATTACKERS
-        options = world_options(self.set)
-        road = labels.world_named(self.world, **options)
+        name, options = grammar.parse(self.world, grammar.set_options(self.set))
+        road = labels.world_named(name, **options)
         if isinstance(road, RoadWorld):
-            source = {"world": self.world} | ({"options": options} if options else {})
+            source = _source(self.world, self.set)
             bad = malice.attacked_road(road, attacker, range(seed, seed + count), source)
             bad = bad.with_clock() if honest.n_features > road.n_features else bad
         else:
@@ -169,66 +187,76 @@ class Collect(Printing):
 
     def table(self) -> Table:
         """Return the gridworld of the options, with a clock if it is asked for."""
-        world = registry.make_grid(self.world, **world_options(self.set))
+        world = registry.make_grid(self.world, **grammar.set_options(self.set))
         return tabulate(world.with_clock() if self.clock else world)
 
     def experts(self) -> dict[str, Demonstrations]:
         """Return episodes of a gridworld's experts."""
-        if self.world in registry.NAMES and self.world not in registry.GRIDWORLDS:
-            raise UserError(
-                f"{self.world} has no exact experts: give the Gymnasium id, as "
-                "socialiq/Intersection-v1, and a --driver for each mode"
-            )
+        if catalogue.base(self.world) in catalogue.ROADS:
+            raise UserError(f"{self.world} has no exact experts: give a --driver for each mode")
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
         counts = dict.fromkeys(rollout.MODES, longest)
         return rollout.demonstrations_by_mode(self.table(), counts, self.seed)
 
-    def driven(self) -> dict[str, Demonstrations]:
+    def driven(self, written: Written) -> dict[str, Demonstrations]:
         """Return episodes of the given drivers in an environment, by the mode's name."""
         if not self.driver:
             raise UserError(
                 f"{one_line(self.world)} has no experts of its own: name the drivers, one --driver "
                 "for each mode"
             )
-        if self.clock and self.world not in CONTINUOUS:
+        on_road = written.name == catalogue.INTERSECTION
+        if self.clock and not on_road:
             raise UserError("an environment's observations are its own: leave out --clock")
-        modes: dict[str, str] = {}
+        modes: dict[str, Any] = {}
         for words in self.driver:
-            match = _NAMED.fullmatch(words)
-            spec = match[2] if match else words
-            stem = spec.rpartition(":")[2] if spec.startswith(_CODE) else Path(spec).stem
-            mode = match[1] if match else one_line(stem)
+            match = _NAMED.fullmatch(words) if isinstance(words, str) else None
+            pair: Any = match.groups() if match else words
+            mode, spec = pair if isinstance(pair, tuple) else ("", pair)
+            text = name_of(spec)
+            stem = text.rpartition(":")[2] if text.startswith(_CODE) else Path(text).stem
+            mode = mode or one_line(stem)
             if mode in modes:
-                raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
+                raise UserError(f"two drivers are called {mode}: write NAME={one_line(text)}")
             modes[mode] = spec
-        code: dict[str, Any] = {"allow_code": self.allow_code}
-        env, options = None, world_options(self.set)
-        if self.world in CONTINUOUS:
-            refuse_unused(self, ("set",), "a gridworld or a Gymnasium id")
-        else:
-            env = make_environment(self.world, options, needs_pair=True, continuous=True, **code)
+        world: Any = with_one_ego(written) if on_road else None
+        name, options = written
+        how: dict[str, Any] = {"allow_code": self.allow_code}
+        env = None
+        if not on_road:
+            env = make_environment(name, options, needs_pair=True, continuous=True, **how)
         pools = {}
         for mode, spec in modes.items():
-            if env is None:
-                world = Intersection(registry.continuous_options(self.world))
-                driver = driver_of(spec, world, seed=self.seed, **code)
-            else:
-                driver = load_policy(spec, *sizes(env), action_size=action_size(env), **code)
+            driver = (
+                driver_of(spec, world, seed=self.seed, **how)
+                if env is None
+                else driver_in(env, spec, written, seed=self.seed, **how)
+            )
             with driver as loaded:
-                record, policy = loaded.record, loaded.policy
-                source = {"world": self.world} | ({"options": options} if options else {})
+                record = loaded.record
+                source = _source(self.world, self.set)
                 source |= {"driver": record.source, "sha256": record.sha256}
                 if env is None:
-                    road = registry.continuous_options(self.world)
-                    batch = Batch(road, min(self.episodes, SIDE_BY_SIDE))
+                    batch = world.batch(min(self.episodes, SIDE_BY_SIDE))
                     seeds = range(self.seed, self.seed + self.episodes)
-                    episodes = rollout.record(batch, policy, seeds, mode, source).transitions
+                    rolled = rollout.record(batch, loaded.policy, seeds, mode, source)
                 else:
-                    episodes = rollout.rollout_env(
-                        env, policy, self.episodes, self.seed, mode=mode, source=source
-                    ).transitions
+                    count = self.episodes, self.seed
+                    rolled = rollout.rollout_env(
+                        env, loaded.policy, *count, mode=mode, source=source
+                    )
+            episodes = rolled.transitions
             pools[mode] = episodes.with_clock() if self.clock else episodes
         return pools
+
+
+def _source(world: str, words: Sequence[Sequence[str]]) -> dict[str, Any]:
+    """Return the world of demonstrations, with the options that `--set` gives."""
+    given = grammar.set_options(words)
+    if not given:
+        return {"world": world}
+    name, options = grammar.parse(world, given)
+    return {"world": name, "options": options}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,7 +374,8 @@ class ToMinari(Printing):
         check_angle(self.angle)
         table = files.load(self.file, continuous=True)
         folder = minari.write_minari(table, self.out, angle=self.angle)
-        name, count = minari.id_of(self.out), table.n_episodes
+        name = minari.id_of(self.out)
+        count = table.n_episodes
         written = {"folder": str(folder), "id": name, "episodes": count}
         return self.show(written | {"sha256": files.sha256_of(table)}, [written])
 
@@ -369,7 +398,16 @@ class FromMinari(_Reader):
 
 
 def show_counts(command: Any, sha256: str, table: Demonstrations) -> int:
-    """Print the numbers of episodes and transitions in a command's file; return the status 0."""
+    """Print the numbers of episodes and transitions in a command's file.
+
+    Args:
+        command: The command, whose `out` is the file.
+        sha256: SHA-256 of the file's content.
+        table: The demonstrations in the file.
+
+    Returns:
+        The exit status 0.
+    """
     counts = [
         {"mode": mode, "episodes": episodes, "transitions": transitions}
         for mode, (episodes, transitions) in table.counts().items()

@@ -3,7 +3,7 @@
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -13,6 +13,7 @@ from socialiq.cli.output import Printing, listed, print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.classes import ClassGround, driven
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
+from socialiq.evaluation.effects import DELAYS_AND_HITS
 from socialiq.evaluation.exact import Metrics, Readout, optimum_of
 from socialiq.learners.settings import check_seed
 from socialiq.nn.actor_policy import ActorDial
@@ -23,13 +24,12 @@ from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
 from socialiq.storage import kind_of
 from socialiq.types import Row
-from socialiq.worlds import CONTINUOUS, registry
-from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds import catalogue, grammar
+from socialiq.worlds.road_users import ROAD_USERS
 
 _BY_CLASS = (
     "class_angle", "angle", "r_env", "r_vehicle", "r_vulnerable", "vehicles_delayed",
-    "pedestrians_waiting", "delay", "pedestrian_delay", "pedestrian_hit", "cyclist_delay",
-    "cyclist_hit", "collision", "arrival", "regret",
+    "pedestrians_waiting", "delay", *DELAYS_AND_HITS, "collision", "arrival", "regret",
 )  # fmt: skip
 
 
@@ -74,8 +74,10 @@ class Dial(Printing):
             refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
-        one_of("world", self.world, (*registry.WORLDS, *CONTINUOUS, *registry.WALKED, *SCENES))
-        if self.world in CONTINUOUS:
+        written = grammar.parse(self.world)
+        one_of("world", written.name, catalogue.NAMES)
+        is_grid = written.name in catalogue.GRIDS
+        if written.control:
             if self.calibrated:
                 raise UserError("--calibrated is of dials of discrete actions: leave it out")
             dial = ActorDial.load(self.policy)
@@ -84,17 +86,19 @@ class Dial(Printing):
             if kind_of(self.policy) == ClassDial.KIND:
                 return self._by_class()
             if kind_of(self.policy) == ActorDial.KIND:
-                worlds = ", ".join(CONTINUOUS)
-                raise UserError(f"{self.policy} has continuous actions: choose one of {worlds}")
+                raise UserError(
+                    f"{self.policy} has continuous actions: choose intersection,control=continuous "
+                    "or control=steering"
+                )
             dial = DialPolicy.load(self.policy)
-            measure = self.rolled if self.world not in registry.GRIDWORLDS else self.exact
+            measure = self.exact if is_grid else self.rolled
             rows, summary, evaluated = measure(dial)
             if self.calibrated:
                 calibrated(dial, evaluated).save(self.calibrated, replace=False)
-        if isinstance(dial, DialPolicy) and self.world in registry.GRIDWORLDS:
+        if isinstance(dial, DialPolicy) and is_grid:
             world = drivers.gridworld_of(self.world, dial)
         else:
-            world = drivers.road_named(self.world)
+            world = grammar.build_written(written)
         drivers.complain_if_it_stands(str(self.policy), dial, drivers.observed(world, dial))
         summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
@@ -108,16 +112,20 @@ class Dial(Printing):
         """Evaluate a dial of two angles at each pair of them: exactly, or on a road by episodes."""
         if self.calibrated:
             raise UserError("--calibrated is of one angle: `socialiq turn --class-angle` first")
-        dial, summary = ClassDial.load(self.policy), Row()
-        if self.world in registry.WALKED:
+        dial = ClassDial.load(self.policy)
+        summary = Row()
+        written = grammar.parse(self.world)
+        if written.name in catalogue.ROADS:
             check_seed(self.seed)
             if self.soft or self.episodes < 2:
                 raise UserError("on a road give --episodes of 2 or more, and leave --soft out")
-            world = drivers.intersection_named(self.world)
+            world: Any = drivers.with_one_ego(written)
+            if not world.walks:
+                raise UserError(f"a class angle weighs people: write {self.world},people=0.1")
             drivers.refuse_misfit(str(self.policy), dial.of_class(0.0), world)
             seeds = np.arange(self.seed, self.seed + self.episodes)
             rows = list(driven(dial, world, float(self.every), seeds))
-            hits = [name for name in ("pedestrian_hit", "cyclist_hit") if name in rows[0]]
+            hits = [f"{user.name}_hit" for user in ROAD_USERS if f"{user.name}_hit" in rows[0]]
             summary |= {f"worst_{name}": max(row[name] for row in rows) for name in hits}
         else:
             ground = ClassGround(drivers.gridworld_of(self.world, dial))
@@ -142,7 +150,8 @@ class Dial(Printing):
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation in a gridworld, queried at every degree."""
         states = drivers.gridworld_of(self.world, dial).reachable_part()
-        evaluated, best = sweep(dial, states, self.readout), optimum_of(states.world)
+        evaluated = sweep(dial, states, self.readout)
+        best = optimum_of(states.world)
         regrets = evaluated.regrets(best.attainable)
         names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
         rows = []
@@ -155,7 +164,8 @@ class Dial(Printing):
             with contextlib.suppress(UserError):  # no mixture has that angle
                 mixed = setting(evaluated.points, angle)
                 error = angle_difference(angle_of(*mixture(evaluated.points, mixed)), angle)
-                first, second = evaluated.angles[mixed.first], evaluated.angles[mixed.second]
+                first = evaluated.angles[mixed.first]
+                second = evaluated.angles[mixed.second]
                 share = mixed.radius / best.attainable.radius(angle)
                 cells = (first, second, mixed.share, error, mixed.radius, share)
                 row |= dict(zip(names, cells, strict=True))
@@ -174,7 +184,7 @@ class Dial(Printing):
         The radius of a mixture is that of the episodes that select it.
         """
         check_seed(self.seed)
-        world = drivers.road_named(self.world)
+        world: Any = drivers.with_one_ego(grammar.parse(self.world))
         drivers.refuse_misfit(str(self.policy), dial, world)
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
@@ -184,15 +194,18 @@ class Dial(Printing):
         names = ("mix_first", "mix_second", "mix_share", "radius")
         names += ("mix_angle", "mix_angle_low", "mix_angle_high")
         rows = []
-        for angle, metrics, left in zip(angles, evaluated.metrics, driven.off_road, strict=True):
+        for angle, metrics, episodes in zip(
+            angles, evaluated.metrics, driven.episodes, strict=True
+        ):
             row = _queried(angle, metrics)
             row |= {"arrival": metrics.arrival, "collision": metrics.collision}
-            if self.world in CONTINUOUS:  # elsewhere the ego follows its lane
-                row["off_road"] = left
+            if world.action_size:  # elsewhere the ego follows its lane
+                row["off_road"] = float(episodes.off_road.mean())
             row |= dict.fromkeys(names, "")
             with contextlib.suppress(UserError):  # no mixture has that angle
                 mixed, measured = driven.mixture(angle, self.seed)
-                first, second = evaluated.angles[mixed.first], evaluated.angles[mixed.second]
+                first = evaluated.angles[mixed.first]
+                second = evaluated.angles[mixed.second]
                 cells = (first, second, mixed.share, mixed.radius)
                 cells += (measured.angle, measured.low, measured.high)
                 row |= dict(zip(names, cells, strict=True))

@@ -7,27 +7,29 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from socialiq.audit.request import of_classes, rule_of
 from socialiq.cli.output import complain
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.evaluation.dial import stands
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.evaluation.simulate import Watched, observations_of
+from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import Dial, DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.unlikeness import USUAL_RATE
-from socialiq.policies.interface import Interface, Loaded, read_content
-from socialiq.policies.load import load_policy
+from socialiq.policies import drivers
+from socialiq.policies.interface import Interface, Loaded
+from socialiq.policies.load import load_policy, name_of
 from socialiq.storage import kind_of
 from socialiq.types import Policy
-from socialiq.worlds import SUMO_IDS, in_sumo, registry
+from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.world import SceneWorld, world_of
-from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.environment import action_size, sizes
+from socialiq.worlds.files import is_world_file
+from socialiq.worlds.grammar import Written
+from socialiq.worlds.highway.options import FEATURES
+from socialiq.worlds.highway.people import PeopleOptions
 from socialiq.worlds.world import World
 
 
@@ -52,8 +54,9 @@ class OnRoads(Demand):
     """At an intersection with crosswalks: brake where the time to collision with a person on foot
     is below so many seconds; 0: don't."""
     shift: str = ""
-    """Change of the intersection by name (late, unseen-30, noise-3, right, straight, connected,
-    dense, wet, ...) or value (latency=1,unseen=.3); "or" stands between those that are drawn."""
+    """Change of a road by name (late, unseen-30, noise-3; of the intersection also right, straight,
+    connected, dense, wet, ...) or value (latency=1,unseen=.3); "or" stands between those that are
+    drawn."""
     front_end: str = ""
     """Perception between sensors and policy, as latency=1,track=3,noise=1; known: as --shift has
     these. exit=own tells the policy its exit, if it was trained with --shift."""
@@ -61,51 +64,126 @@ class OnRoads(Demand):
     """Driver of the decisions whose state is unlike training, for a policy of `socialiq
     unlikeness`: gap_3s, wait, a file; with a rate of false alarms gap_3s=0.05, by default 0.01."""
 
-    def check(self, world: str) -> None:
-        """Refuse, by a `UserError`, what a world of this name has not."""
-        if self.shield and world not in registry.WALKED:
-            raise UserError(f"--shield is for people on foot: choose {registry.WALKED[0]}")
-        roads = registry.INTERSECTIONS
-        if (self.shift or self.front_end or self.fallback) and world not in roads:
-            raise UserError(f"--shift, --front-end and --fallback are of {roads[0]}")
+    def written(self, world: str) -> Written:
+        """Return the world of a text with these options laid over it.
+
+        Raises:
+            UserError: If the world lacks what an option changes, or both give it.
+        """
+        plain = grammar.parse(world)
+        given = {"shift": self.shift, "front_end": self.front_end, **self.options}
+        given = {key: value for key, value in given.items() if value}
+        for key in given:
+            if key in plain.options:
+                raise UserError(f"--{key.replace('_', '-')} and {key} of the world: leave one out")
+        self._check(plain)
+        return grammar.parse(world, given)
+
+    def _check(self, world: Written) -> None:
+        """Refuse, by a `UserError`, what a world has not."""
+        if self.shield and not (world.walks and world.name == catalogue.INTERSECTION):
+            why = "no one walks here"
+            if world.name in catalogue.GRIDS:
+                why = "a gridworld has no seconds to a collision"
+            elif world.in_sumo or is_world_file(world.name):
+                why = "the people here are not of the roads whose state a shield reads"
+            raise UserError(
+                f"--shield is for people on foot, and {why}: choose intersection,people=0.1"
+            )
+        if (self.shift or self.front_end or self.fallback) and not catalogue.is_road(world.name):
+            why = "shows policies what its own code makes of a state: change it there"
+            if world.name in catalogue.GRIDS:
+                why = "is a gridworld, which has no sensor and no latency"
+            raise UserError(
+                f"--shift, --front-end and --fallback are of a road; {one_line(world.name)} {why}"
+            )
         if self.fallback and self.shield:
             raise UserError("either --fallback or --shield decides: leave one out")
-        if self.demand and not in_sumo(world):
-            raise UserError(f"--demand is of SUMO: choose {', '.join(SUMO_IDS)} or a network")
+
+
+def with_one_ego(written: Written) -> World:
+    """Return the world that is written, of which one vehicle is controlled.
+
+    Raises:
+        UserError: If there are several agents.
+    """
+    world = grammar.build_written(written)
+    if world.agents > 1:
+        raise UserError(
+            f"{world.agents} agents are driven by `socialiq population`: leave agents out here"
+        )
+    return world
 
 
 def driver_of(
-    name: str, world: World, angle: float | None = None, allow_code: bool = False, seed: int = 0
+    name: Any, world: World, angle: float | None = None, allow_code: bool = False, seed: int = 0
 ) -> Loaded:
-    """Return a driver of a world, with its record; a dial's angle in degrees is 0 by default.
+    """Return a driver of a world, as `policies.drivers.driver_of`; say which people it overlooks.
 
-    The name is of a rule (`seed` is of the random one), of a policy of the atlas (with or without
-    `atlas:`), or as of `load_policy`; a file may take the time too.
+    Args:
+        name: The driver.
+        world: The world.
+        angle: Angle of a dial in degrees; 0 by default.
+        allow_code: Whether a named Python module may run.
+        seed: Seed of the random rule.
     """
-    if name in world.drivers:
-        return rule_of(name, world, seed)
-    if isinstance(world, Intersection):
-        shipped = name.removeprefix("atlas:")
-        names = atlas.names(atlas.CONTINUOUS_STUDIES if world.action_size else atlas.STUDIES)
-        if shipped != name or shipped in names:
-            name = str(atlas.path_for(shipped, world.options))
-        elif ":" not in name and not Path(name).exists():
-            one_of("driver", name, (*world.drivers, *names, "a policy file"))
-    if ":" not in name:
-        read_content(Path(name))  # says what is wrong with a path
-    size = Interface.of(world)
-    settings: dict[str, Any] = {"angle": angle or 0.0, "allow_code": allow_code, "clock": True}
-    settings["action_size"] = size.action_size
-    loaded = load_policy(name, size.n_features, size.n_actions, **settings, **of_classes(world))
-    if (length := loaded.record.interface.n_features) < size.n_features:
-        walks = isinstance(world, Intersection) and length > min(world.narrow) + 1
-        unseen = "cyclists" if walks else "people on foot or on bicycles"
+    loaded = drivers.driver_of(name, world, angle, allow_code, seed)
+    length = loaded.record.interface.n_features
+    if length < world.n_features:
+        options: Any = getattr(world, "options", None)
+        known = length // len(FEATURES)
+        classes = options.unseen(known) if isinstance(options, PeopleOptions) else ("people",)
+        unseen = " or ".join(classes)
+        name = name_of(name)
         complain(f"{name} observes fewer classes than are here: it does not see {unseen}")
     return loaded
 
 
-def with_fallback(text: str, name: str, loaded: Loaded, world: World) -> Policy:
-    """Return a driver, and where a state is unlike training `DRIVER` or `DRIVER=RATE`.
+def driver_in(
+    env: gymnasium.Env[Any, Any],
+    text: Any,
+    written: Written,
+    angle: float | None = None,
+    allow_code: bool = False,
+    seed: int = 0,
+    clock: bool = False,
+) -> Loaded:
+    """Return a driver of an environment; in SUMO those of the intersection drive.
+
+    Args:
+        env: The environment, as `make_environment` makes it.
+        text: The driver, in the grammar of `policies.drivers`.
+        written: World of the environment.
+        angle: Angle of a dial in degrees; 0 by default.
+        allow_code: Whether a named Python module may run.
+        seed: Seed of the random rule.
+        clock: Whether a policy may take the time too.
+    """
+    if written.in_sumo:
+        return driver_of(text, grammar.build(catalogue.INTERSECTION), angle, allow_code, seed)
+    world: Any = getattr(env.unwrapped, "world", None)
+    driver = drivers.parse(text)
+    if isinstance(world, World) and (world.is_exact or drivers.is_word(driver.spec)):
+        return driver_of(text, world, angle, allow_code, seed)
+    if driver.front_end and not isinstance(world, World):
+        raise UserError(
+            f"the sensors of {written.name} are not known: leave +{driver.front_end} out"
+        )
+    settings: dict[str, Any] = {"angle": driver.at(angle) or 0.0, "allow_code": allow_code}
+    settings |= {"clock": clock, "class_angle": driver.class_angle}
+    loaded = load_policy(driver.spec, *sizes(env), action_size=action_size(env), **settings)
+    return drivers.finished(driver, loaded, world)
+
+
+def with_fallback(text: str, name: Any, loaded: Loaded, world: World) -> Policy:
+    """Return a driver that hands over to another one where a state is unlike training.
+
+    Args:
+        text: The other driver, as `DRIVER` or `DRIVER=RATE` with its rate of false alarms; "" for
+            none.
+        name: Name of the first driver, for messages.
+        loaded: The first driver.
+        world: The world.
 
     Raises:
         UserError: If the driver has no score of unlikeness, or the text is wrong.
@@ -115,7 +193,7 @@ def with_fallback(text: str, name: str, loaded: Loaded, world: World) -> Policy:
         return loaded.policy
     if not isinstance(loaded.policy, QPolicy):
         raise UserError(
-            f"{name} is not one network: give --fallback a policy of `socialiq unlikeness`"
+            f"{name_of(name)} is not one network: give --fallback a policy of `socialiq unlikeness`"
         )
     try:
         alarm = loaded.policy.alarm(float(rate or USUAL_RATE))
@@ -124,10 +202,17 @@ def with_fallback(text: str, name: str, loaded: Loaded, world: World) -> Policy:
     return Watched(loaded.policy, alarm, driver_of(driver, world).policy)
 
 
-def refuse_misfit(
-    name: str, policy: DialPolicy | ActorDial, world: Intersection | SceneWorld
-) -> None:
-    """Refuse a policy or dial that was trained for another world; it may take the time too."""
+def refuse_misfit(name: str, policy: DialPolicy | ActorDial, world: World) -> None:
+    """Refuse a policy or dial that was trained for another world; it may take the time too.
+
+    Args:
+        name: Name of the policy, for the message.
+        policy: The policy or dial.
+        world: World that it is to drive in.
+
+    Raises:
+        UserError: If the policy's observations or actions are not the world's.
+    """
     fits = policy.n_features in (world.n_features, world.n_features + 1)
     if isinstance(policy, ActorDial):
         observed = Interface.of(world)
@@ -142,11 +227,15 @@ def refuse_misfit(
         )
 
 
-def dial_of(name: str) -> Dial[Any] | None:
-    """Return the dial of a file, of discrete or continuous actions; None if it holds none."""
+def dial_of(name: Any) -> Dial[Any] | None:
+    """Return a dial, or that of a file, of discrete or continuous actions; else None."""
+    dial = drivers.parse(name).spec
     kinds = {kind.KIND: kind for kind in (DialPolicy, ActorDial, ClassDial)}
-    kind = kinds.get(kind_of(Path(name)))
-    dial: Any = kind and kind.load(Path(name))
+    if isinstance(dial, str):
+        kind = kinds.get(kind_of(Path(dial)))
+        dial = kind and kind.load(Path(dial))
+    elif not isinstance(dial, tuple(kinds.values())):
+        dial = None
     return dial.of_class(_ANY_CLASS) if isinstance(dial, ClassDial) else dial
 
 
@@ -154,9 +243,18 @@ _ANY_CLASS = 45.0  # degrees, where only the range of a dial and whether it stan
 
 
 def observed(world: Any, dial: Dial[Any]) -> np.ndarray:
-    """Return observations for `complain_if_it_stands`: of all states of a table, or of episodes.
+    """Return observations for `complain_if_it_stands`.
 
-    A dial that takes the same actions of its own episodes at every angle drives the same ones.
+    If the dial takes the same actions in its episodes at every angle, it drives the same episodes
+    at every angle, so those of its first angle are enough.
+
+    Args:
+        world: A table, an environment, or a road.
+        dial: The dial, which drives at its first angle.
+
+    Returns:
+        Shape (row, feature): all states of a table, or the states of one episode of an environment
+        or of 16 episodes of a road.
     """
     if isinstance(world, Table):
         return world.observations()
@@ -165,29 +263,32 @@ def observed(world: Any, dial: Dial[Any]) -> np.ndarray:
     return observations_of(world.batch(16), dial.at(dial.low), range(16))
 
 
-def complain_if_it_stands(name: str, dial: Dial[Any], observations: np.ndarray) -> None:
-    """Say in one line on standard error if no angle of a dial changes an action."""
+def complain_if_it_stands(name: Any, dial: Dial[Any], observations: np.ndarray) -> None:
+    """Say in one line on standard error if no angle of a dial changes an action.
+
+    Args:
+        name: Name of the dial, for the message.
+        dial: The dial.
+        observations: Observations at which its actions are compared, shape (row, feature).
+    """
     if stands(dial, observations):
         complain(
-            f"{name} takes the same actions at every angle from {dial.low:g} to {dial.high:g} "
-            "degrees: train it with more --updates, or on demonstrations that differ more"
+            f"{name_of(name)} takes the same actions at every angle from {dial.low:g} to "
+            f"{dial.high:g} degrees: train it with more --updates, or on demonstrations that "
+            "differ more"
         )
 
 
-def road_named(name: str) -> Intersection | SceneWorld:
-    """Return the intersection, or another road of highway-env, with its default options."""
-    return world_of(name) if name in SCENES else intersection_named(name)
-
-
-def intersection_named(name: str, shift: str = "", front_end: str = "") -> Intersection:
-    """Return the intersection with its default options, of discrete or continuous actions."""
-    world = registry.make(name)
-    assert isinstance(world, Intersection)
-    return world.shifted(shift, front_end)
-
-
 def gridworld_of(name: str, policy: Interface | DialPolicy | ClassDial) -> Table:
-    """Return the gridworld that a policy or dial was trained in, with a clock if it uses one."""
+    """Return the gridworld that a policy or dial was trained in, with a clock if it uses one.
+
+    Args:
+        name: Name of the gridworld.
+        policy: Policy or dial, or its interface.
+
+    Raises:
+        UserError: If it fits the gridworld neither with a clock nor without.
+    """
     plain = registry.make_grid(name)
     for world in (plain, plain.with_clock()):
         if (world.n_features, world.n_actions) == (policy.n_features, policy.n_actions):

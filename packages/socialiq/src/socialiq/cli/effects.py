@@ -9,46 +9,54 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import OnRoads, dial_of, driver_of, gridworld_of, with_fallback
-from socialiq.cli.output import Printing, print_json, print_table, say
+from socialiq.cli.drivers import (
+    OnRoads,
+    dial_of,
+    driver_of,
+    gridworld_of,
+    with_fallback,
+    with_one_ego,
+)
+from socialiq.cli.output import Printing, Result, say
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation import measures
 from socialiq.evaluation.effects import (
+    DELAYS_AND_HITS,
     Begun,
-    Effects,
     expected_delay,
     measure,
     measuring,
-    shares_of,
     summary,
     sums_in,
 )
 from socialiq.evaluation.exact import action_table, evaluate_exactly
+from socialiq.evaluation.measures import Episodes, by_episode
 from socialiq.evaluation.simulate import Watched
 from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
+from socialiq.policies.drivers import parse
+from socialiq.policies.load import name_of
 from socialiq.results_folder import as_csv, versions
-from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds import SUMO_IDS, UNSEEN, in_sumo
+from socialiq.worlds import SUMO_IDS, UNSEEN
+from socialiq.worlds.catalogue import GRIDS, INTERSECTION, NAMES
 from socialiq.worlds.environment import make_environment
-from socialiq.worlds.highway.effects import CAUSED, RELATIONS, AfterTimeout, EffectOptions
-from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.world import RoadWorld
-from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import GRIDWORLDS, WALKED, make, make_grid, open_world
+from socialiq.worlds.files import names_file
+from socialiq.worlds.grammar import Written
+from socialiq.worlds.highway.effects import RELATIONS, AfterTimeout, EffectOptions
+from socialiq.worlds.registry import make, make_grid
 
-_WALKED = tuple(name for name in WALKED if not name.endswith(CAUSED))
 _USUAL = EffectOptions().definition["units"]  # options of the measure, with their defaults
 PRINTED = (
     "policy", "angle", "fallback", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
     "delay_bicycle", "delay_pedestrian", "waiting_pedestrian", "waiting_bicycle", "braking",
     "gap_below_1_s",
-    "collision", "arrival", "pedestrian_delay", "pedestrian_hit", "cyclist_delay", "cyclist_hit",
+    "collision", "arrival", *DELAYS_AND_HITS,
     "not_caused_of_charged", "missed_of_caused", "gained_of_credited",
 )  # fmt: skip
 
@@ -89,12 +97,12 @@ class EffectsOf(Printing):
     allow_code: bool = False
     """Run a policy that is a program or Python code."""
 
-    def run(self) -> int:
-        """Drive, print, write the folder."""
+    def result(self) -> Result:
+        """Drive, write the folder."""
         check_seed(self.seed)
-        if not Path(self.world).suffix:  # a file is of a recorded junction, or a network
-            one_of("world", self.world, (*GRIDWORLDS, "intersection", *_WALKED, *SCENES, *SUMO_IDS))
-        self.road.check(self.world)
+        written = self.road.written(self.world)
+        if not (written.is_built or written.in_sumo or names_file(written.name)):
+            one_of("world", written.name, (*NAMES, *SUMO_IDS))
         if not self.policy:
             raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.angle and all(angle is None for _, angle in self.drivers()):
@@ -102,9 +110,9 @@ class EffectsOf(Printing):
         if self.out:
             check_output_folder(self.out)
         episodes: list[Row] = []
-        simulated = in_sumo(self.world)
+        simulated = written.in_sumo
         driven = self.in_sumo if simulated else self.driven
-        rows, about = self.exact() if self.world in GRIDWORLDS else driven(episodes)
+        rows, about = self.exact() if written.name in GRIDS else driven(written, episodes)
         on_road = {name: value for name, value in vars(self.road).items() if value}
         result = {"world": self.world, **about, **on_road, **self.road.options, "drivers": rows}
         if self.out:
@@ -117,28 +125,22 @@ class EffectsOf(Printing):
                     write_atomically(
                         folder / "effects.png", style.png({"": effects_figure(rows)})[""]
                     )
-        if self.json:
-            print_json(result)
-            return 0
         names = [name for name in PRINTED if name in rows[0]]
-        short = {name: Path(name).name for name in self.policy}
+        short = {name: Path(name).name for name in map(name_of, self.policy)}
         if len({*short.values()}) == len(short):  # paths would be broken over lines
             rows = [row | {"policy": short[row["policy"]]} for row in rows]
-        print_table([{name: row[name] for name in names} for row in rows], _HEADING)
-        return 0
+        return Result(result, [{name: row[name] for name in names} for row in rows], _HEADING)
 
-    def driven(self, episodes: list[Row]) -> tuple[list[Row], Row]:
+    def driven(self, written: Written, episodes: list[Row]) -> tuple[list[Row], Row]:
         """Return a row for each driver on a road, and what was chosen; append episodes."""
         options = self.measured()
-        world = open_world(self.world)
-        assert isinstance(world, RoadWorld)
+        world: Any = with_one_ego(written)
         # A file that rewards effects has its own options of the measure.
         given = {name: option for name, option in options.items() if option != _USUAL[name]}
         world = measuring(world, **given)
         options = {name: getattr(world.effects, name) for name in options}
-        if isinstance(world, Intersection):
-            world = world.shifted(self.road.shift, self.road.front_end)
-        seeds, rows = np.arange(self.seed, self.seed + self.episodes), []
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        rows = []
         begun: Begun = {}
         with contextlib.ExitStack() as closing:
             # What can't work is refused before the first driver drives.
@@ -152,11 +154,11 @@ class EffectsOf(Printing):
             for name, angle, loaded in opened:
                 driver = with_fallback(self.road.fallback, name, loaded, world)
                 effects = measure(world, driver, seeds, begun, shield=self.road.shield)
-                row: Row = {"policy": name, "angle": "" if angle is None else angle}
+                row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
                 row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
                 rows.append(row | summary(effects))
-                episodes += [row | line for line in by_episode(effects, seeds)]
-                say(f"{name} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
+                episodes += by_episode(effects, _BY_EPISODE, seeds, row)
+                say(f"{row['policy']} {row['angle']}: delay {rows[-1]['delay']:.1f} m")
         return rows, {"episodes": self.episodes, "seed": self.seed, **options}
 
     def measured(self) -> dict[str, Any]:
@@ -165,39 +167,39 @@ class EffectsOf(Printing):
             raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
         return {name: getattr(self, name) for name in _USUAL}
 
-    def in_sumo(self, episodes: list[Row]) -> tuple[list[Row], Row]:
+    def in_sumo(self, written: Written, episodes: list[Row]) -> tuple[list[Row], Row]:
         """Return a row for each driver in SUMO, with delays by class; append episodes."""
-        options, rows = self.measured(), list[Row]()
+        options = self.measured()
+        rows = list[Row]()
         say(UNSEEN)
-        seeds, layout = np.arange(self.seed, self.seed + self.episodes), make("intersection")
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        layout = make(INTERSECTION)
         for name, angle in self.drivers():
             with driver_of(name, layout, angle, self.allow_code) as loaded:
                 clock = loaded.record.interface.n_features > layout.n_features
-                env = make_environment(self.world, {"clock": clock, **options, **self.road.options})
+                env = make_environment(written.name, {"clock": clock, **options, **written.options})
                 sums = sums_in(env, loaded.policy, seeds)
-            row: Row = {"policy": name, "angle": "" if angle is None else angle}
-            for number in range(self.episodes):
-                values = {column: sums[column][number].item() for column in sums}
-                episodes.append(row | {"seed": int(seeds[number])} | values)
+            row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
+            episodes += by_episode(sums, sums, seeds, row)
             row |= {"episodes": self.episodes}
-            endings = sums.pop("ending")
-            for column, values in sums.items():
-                row |= normal_mean(column, values)
-            row |= shares_of(endings)
+            endings = Episodes(ending=sums.pop("ending"))
+            row |= measures.summary(sums, sums)
+            row |= measures.summary(endings, ("arrival", "collision"))
             rows.append(row)
-            say(f"{name} {row['angle']}: delay {row['delay']:.1f} m")
+            say(f"{row['policy']} {row['angle']}: delay {row['delay']:.1f} m")
         return rows, {"episodes": self.episodes, "seed": self.seed, **options}
 
     def exact(self) -> tuple[list[Row], Row]:
         """Return the expected cells that each driver costs others in a gridworld."""
         refuse_unused(self, ("episodes", "seed", *_USUAL), "a road as the world")
-        plain, rows = make_grid(self.world), list[Row]()
+        plain = make_grid(self.world)
+        rows = list[Row]()
         for name, angle in self.drivers():
             with driver_of(name, plain, angle, self.allow_code) as loaded:
                 table = gridworld_of(self.world, loaded.record.interface)
                 chances = action_table(loaded.policy, table, "greedy")
             metrics = evaluate_exactly(table, chances)
-            row: Row = {"policy": name, "angle": "" if angle is None else angle}
+            row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
             row |= {"r_env": metrics.r_env, "r_social": metrics.r_social}
             row |= {"delay": expected_delay(table, chances), "collision": metrics.collision}
             rows.append(row | {"arrival": metrics.arrival})
@@ -206,9 +208,15 @@ class EffectsOf(Printing):
     def drivers(self) -> Iterator[tuple[str, float | None]]:
         """Yield name and angle of every driver; a dial is one at each angle."""
         for name in self.policy:
-            dial = dial_of(name) if Path(name).is_file() else None
+            dial = dial_of(name)
             if dial is None:
                 yield name, None
+                continue
+            driver = parse(name)
+            if driver.angle is not None:
+                for angle in self.angle:
+                    driver.at(angle)
+                yield name, driver.angle
                 continue
             for angle in self.angle or np.arange(dial.low, dial.high + 1e-9, 15.0).tolist():
                 yield name, angle
@@ -221,20 +229,10 @@ _HEADING = (
 )
 
 
-def by_episode(effects: Effects, seeds: np.ndarray) -> list[Row]:
-    """Return one row for each episode."""
-    delays = {f"delay_{name}": effects.delay[:, number] for number, name in enumerate(RELATIONS)}
-    columns: dict[str, Any] = {
-        "seed": seeds,
-        "r_env": effects.totals.env,
-        "r_caused": effects.totals.social,
-        "r_eq_4_2": effects.eq_4_2,
-        "ending": effects.ending,
-        **delays,
-        **{name: getattr(effects, name) for name in ("braking", "gap", "helped", "harmed")},
-    }
-    names = list(columns)
-    return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+_BY_EPISODE = (
+    "r_env", "r_caused", "r_eq_4_2", "ending", *(f"delay_{name}" for name in RELATIONS), "braking",
+    "gap", "helped", "harmed",
+)  # fmt: skip
 
 
 def effects_figure(rows: list[Row]) -> Any:

@@ -4,7 +4,7 @@ import functools
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,33 +13,28 @@ import numpy as np
 import tyro
 
 from socialiq.cli import drivers
-from socialiq.cli.output import Display, Printing, listed, print_json, print_table, say
+from socialiq.cli.output import Display, Printing, Result, listed, print_table, say
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import context, exact, parts
-from socialiq.evaluation.episodes import SIDE_BY_SIDE, Episodes, episodes_of, policy_row
+from socialiq.evaluation.episodes import SIDE_BY_SIDE, episodes_of, policy_row
+from socialiq.evaluation.measures import Episodes, joined
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
 from socialiq.learners.settings import check_seed
 from socialiq.policies.card import trained_angle
+from socialiq.policies.drivers import parse
 from socialiq.policies.interface import Record
-from socialiq.policies.load import load_policy
+from socialiq.policies.load import name_of
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
-from socialiq.worlds import (
-    CONTINUOUS,
-    CONTINUOUS_IDS,
-    IDS,
-    SCENE_IDS,
-    SUMO_IDS,
-    UNSEEN,
-    environment,
-    in_sumo,
-    registry,
-)
+from socialiq.worlds import IDS, OLD_IDS, SCENE_IDS, SUMO_IDS, UNSEEN, environment, registry
+from socialiq.worlds.catalogue import GRIDS, INTERSECTION
+from socialiq.worlds.files import refuse_file
+from socialiq.worlds.grammar import Written
 
-TIMED = (*SCENE_IDS, *(SCENE_IDS | SUMO_IDS | CONTINUOUS_IDS).values(), IDS["intersection"])
+TIMED = (*SCENE_IDS, *(SCENE_IDS | SUMO_IDS | OLD_IDS).values(), IDS["intersection"])
 """Roads of highway-env and worlds in SUMO, which show the time where a policy takes it."""
 
 
@@ -91,19 +86,46 @@ class Evaluate(Printing):
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
 
-    def run(self) -> int:
-        """Evaluate and print."""
+    def show(
+        self, result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], title: str = ""
+    ) -> int:
+        """Print a result, of several policies with what is pooled; return the exit status 0.
+
+        Args:
+            result: The result.
+            rows: The result as rows of equal keys.
+            title: Line above the table; "" for none.
+        """
+        if "data" in result and not self.json:
+            from socialiq.cli.evaluate_data import print_estimates
+
+            print_estimates(result)
+            return 0
+        super().show(result, rows, title)
+        if not self.json and "pooled" in result:
+            pooled = {**result["pooled"]}
+            why = pooled.pop("angle_not_pooled", "")
+            print_table(listed(pooled, "pooled"))
+            if why:
+                sys.stdout.write(f"No pooled angle: {why}.\n")
+        return 0
+
+    def result(self, commands: Sequence[Any] = ()) -> Result:
+        """Evaluate.
+
+        Args:
+            commands: This command at several angles; none for this one alone.
+        """
         check_angle(self.angle or 0.0)
-        if self.angle_rule is not None and (
-            self.data or self.world not in registry.GRIDWORLDS or self.episodes
-        ):
+        written = self.road.written(self.world)
+        is_grid = written.name in GRIDS
+        if self.angle_rule is not None and (self.data or not is_grid or self.episodes):
             raise UserError(
                 "--angle-rule is exact, in a gridworld without --episodes: at the intersection "
                 "`socialiq audit` measures it"
             )
         if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
-        self.road.check(self.world)
         if self.road.fallback and (self.soft or self.processes):
             raise UserError("--fallback goes without --soft and --processes")
         if self.data is not None:
@@ -113,57 +135,56 @@ class Evaluate(Printing):
             if options := [name for name, value in counts.items() if value]:
                 raise UserError(f"--data rolls nothing out: leave out {', '.join(options)}")
             check_seed(self.seed)
-            policies = [str(path) for path in self.policies]
-            return evaluate_data(self, policies, self.data)
-        rows, targets = map(list, zip(*self.measured(), strict=True))
+            return evaluate_data(self, self._policies, self.data)
+        commands = commands or (self,)
+        measured = [pair for command in commands for pair in command.measured()]
+        rows, targets = map(list, zip(*measured, strict=True))
         if len(rows) == 1:
-            return self.show(rows[0], listed(rows[0]))
-        pooled = pool(rows, targets)
-        if self.json:
-            print_json({"policies": rows, "pooled": pooled})
-            return 0
+            return Result(rows[0], listed(rows[0]))
         columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
         columns = (*columns, "length", "target_angle", "regret")
-        table = [{"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)]
-        print_table([{key: row[key] for key in columns if key in row} for row in table])
-        why = pooled.pop("angle_not_pooled", "")
-        print_table(listed(pooled, "pooled"))
-        if why:
-            sys.stdout.write(f"No pooled angle: {why}.\n")
-        return 0
+        names = [Path(name_of(policy)).name for _ in commands for policy in self.policies]
+        table = [{"policy": name} | row for name, row in zip(names, rows, strict=True)]
+        table = [{key: row[key] for key in columns if key in row} for row in table]
+        return Result({"policies": rows, "pooled": pool(rows, targets)}, table)
 
     def measured(self) -> list[tuple[dict[str, Any], float | None]]:
         """Return a row for each policy, and the angle that it was trained for, if known."""
-        registry.refuse_file(self.world)
+        written = self.road.written(self.world)
+        refuse_file(written.name)
         parts.check_processes(self.processes)
-        if self.processes and self.world in (*registry.GRIDWORLDS, *CONTINUOUS):
+        if self.processes and (written.name in GRIDS or written.control):
             raise UserError(f"episodes of {self.world} are not split: leave out --processes")
-        names = [str(path) for path in self.policies]
-        if self.world in registry.GRIDWORLDS:
+        if written.name in GRIDS:
             measure = self.gridworld()
         elif self.episodes < 1:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
-        elif self.world in registry.INTERSECTIONS:
-            measure = self.intersection
         else:
-            measure = self.environment
-        return [measure(name) for name in names]
+            on_road = self.intersection if written.name == INTERSECTION else self.environment
+            measure = functools.partial(on_road, written)
+        return [measure(name) for name in self._policies]
+
+    @property
+    def _policies(self) -> list[Any]:
+        """Drivers as text, or as objects that a function got."""
+        return [str(path) if isinstance(path, Path) else path for path in self.policies]
 
     @property
     def _seeds(self) -> range:
         return range(self.seed, self.seed + self.episodes)
 
-    def intersection(self, name: str) -> tuple[dict[str, Any], float | None]:
+    def intersection(self, written: Written, name: Any) -> tuple[dict[str, Any], float | None]:
         """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
         readout = "soft" if self.soft else "greedy"
-        size, shield = min(SIDE_BY_SIDE, self.episodes), self.road.shield
-        road = self.world, self.road.shift, self.road.front_end
-        world = drivers.intersection_named(*road)
-        settings = (name, road, self.angle, self.allow_code, self.soft, shield, size)
+        size = min(SIDE_BY_SIDE, self.episodes)
+        shield = self.road.shield
+        world = drivers.with_one_ego(written)
+        settings = (name, written, self.angle, self.allow_code, self.soft, shield, size)
         with drivers.driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
             driver = drivers.with_fallback(self.road.fallback, name, loaded, world)
             if not self.processes:
-                batch, seeds = world.batch(size), np.array(self._seeds)
+                batch: Any = world.batch(size)
+                seeds = np.array(self._seeds)
                 policy = shielded(driver, batch, shield)
                 episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
             elif name == "random" or (self.soft and not loaded.record.soft):
@@ -173,25 +194,25 @@ class Evaluate(Printing):
                 play = functools.partial(_play_road, *settings)
                 with Display() as display:
                     report = display.stage("episodes")
-                    episodes = parts.joined(parts.in_parts(play, blocks, self.processes, report))
+                    episodes = joined(parts.in_parts(play, blocks, self.processes, report))
             if (dial := drivers.dial_of(name)) is not None:
-                plain = drivers.intersection_named(self.world)
+                plain = registry.open_world(self.world)
                 drivers.complain_if_it_stands(name, dial, drivers.observed(plain, dial))
         # With discrete actions the ego follows its lane.
-        row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
+        row = policy_row(name_of(name), readout, episodes, off_road=world.action_size > 0)
         method: dict[str, Any] = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         method |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
         row = method | {key: value for key, value in row.items() if key != "policy"}
         return row, target_of(loaded.record)
 
-    def gridworld(self) -> Callable[[str], tuple[dict[str, Any], float | None]]:
+    def gridworld(self) -> Callable[[Any], tuple[dict[str, Any], float | None]]:
         """Return exact or sampled metrics of a policy, with regret against the exact optimum."""
         plain = registry.make_grid(self.world)
         optimum = exact.optimum_of(plain)
         readout = "soft" if self.soft else "greedy"
         rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 
-        def measure(name: str) -> tuple[dict[str, Any], float | None]:
+        def measure(name: Any) -> tuple[dict[str, Any], float | None]:
             with drivers.driver_of(name, plain, self.angle, self.allow_code) as loaded:
                 table = drivers.gridworld_of(self.world, loaded.record.interface)
                 states = table.reachable_part()
@@ -200,10 +221,12 @@ class Evaluate(Printing):
                 driven = table if self.episodes else states
                 chances = exact.action_table(loaded.policy, driven, readout)
             target = target_of(loaded.record)
-            angle = (target or 0.0) if self.angle is None else self.angle
+            angle = parse(name).at(self.angle)
+            angle = (target or 0.0) if angle is None else angle
             if self.episodes:
                 rollout = rollout_table(table, chances, self.episodes, self.seed)
-                metrics, row = rollout.metrics(), self.sampled(rollout)
+                metrics = rollout.metrics()
+                row = self.sampled(rollout)
             else:
                 metrics = exact.evaluate_exactly(states, chances)
                 row = {"method": "exact", **metrics._asdict()}
@@ -217,16 +240,16 @@ class Evaluate(Printing):
 
         return measure
 
-    def environment(self, policy: str) -> tuple[dict[str, Any], float | None]:
+    def environment(self, written: Written, policy: Any) -> tuple[dict[str, Any], float | None]:
         """Return metrics of a policy in an environment, played in parts if there are processes.
 
-        In parts environment and policy must keep nothing from one episode to the next, as
+        In parts environment and policy must keep no memory from one episode to the next, as
         Gymnasium's `reset(seed=...)` promises.
         """
-        if in_sumo(self.world):
+        if written.in_sumo:
             say(UNSEEN)
-        settings = (self.world, self.road.options, policy, self.angle or 0.0, self.allow_code)
-        settings = (*settings, self.soft)
+        settings = (written, policy, self.angle, self.allow_code)
+        settings = (*settings, self.soft, self.road.fallback)
         if not self.processes:
             played = [_play_in_environment(*settings, np.array(self._seeds))]
         elif self.soft or policy == "random":
@@ -236,7 +259,7 @@ class Evaluate(Printing):
             play = functools.partial(_play_in_environment, *settings)
             with Display() as display:
                 played = parts.in_parts(play, blocks, self.processes, display.stage("episodes"))
-        rollouts = [rollout for rollout, _ in played]
+        rollouts = [rollout for rollout, *_ in played]
         table = concatenate([rollout.transitions for rollout in rollouts])
         table = replace(table, source=rollouts[0].transitions.source)
         if (dial := drivers.dial_of(policy)) is not None:
@@ -245,12 +268,15 @@ class Evaluate(Printing):
         counted = Counter[str]()
         for rollout in rollouts:
             counted.update(rollout.counted)
-        return self.sampled(Rollout(table, speed, counted)), target_of(played[0][1])
+        row = self.sampled(Rollout(table, speed, counted))
+        _, record, share = played[0]
+        return row | ({} if share is None else {"fallback": share}), target_of(record)
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Return the metrics of a rollout, without quantities that are not reported."""
         metrics = rollout.metrics()._asdict().items()
-        estimate, counted = rollout.angle(self.seed), rollout.counted.items()
+        estimate = rollout.angle(self.seed)
+        counted = rollout.counted.items()
         return {
             "method": f"{self.episodes} episodes, seed {self.seed}",
             **{name: value for name, value in metrics if math.isfinite(value)},
@@ -260,8 +286,8 @@ class Evaluate(Printing):
 
 
 def _play_road(
-    driver: str,
-    world: tuple[str, str, str],
+    driver: Any,
+    world: Written,
     angle: float | None,
     allow_code: bool,
     soft: bool,
@@ -270,44 +296,55 @@ def _play_road(
     seeds: np.ndarray,
 ) -> Episodes:
     """Play episodes of a driver at the intersection; `size` of them run side by side."""
-    road = drivers.intersection_named(*world)
+    road = drivers.with_one_ego(world)
     with drivers.driver_of(driver, road, angle, allow_code) as loaded:
-        batch = road.batch(size)
+        batch: Any = road.batch(size)
         policy = shielded(loaded.policy, batch, shield)
         return episodes_of(batch, policy, seeds, deterministic=not soft)
 
 
 def _play_in_environment(
-    world: str,
-    options: dict[str, Any],
-    policy: str,
-    angle: float,
+    world: Written,
+    policy: Any,
+    angle: float | None,
     allow_code: bool,
     soft: bool,
+    fallback: str,
     seeds: np.ndarray,
-) -> tuple[Rollout, Record]:
-    """Play the episodes of successive seeds; return them with the policy's record."""
-    env = environment.make_environment(world, options, allow_code=allow_code, continuous=True)
-    size, width = environment.sizes(env), environment.action_size(env)
-    settings: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": world in TIMED}
-    if in_sumo(world):  # rules and the atlas drive there as at the intersection
-        layout = drivers.intersection_named("intersection")
-        opened = drivers.driver_of(policy, layout, angle, allow_code, int(seeds[0]))
-    else:
-        opened = load_policy(policy, *size, action_size=width, **settings)
-    with opened as loaded:
-        if loaded.record.interface.n_features > size[0]:
-            env = environment.make_environment(world, {**options, "clock": True}, continuous=True)
+) -> tuple[Rollout, Record, float | None]:
+    """Play the episodes of successive seeds.
+
+    Returns:
+        The episodes, the policy's record, and the share of the decisions of a fallback, if there is
+        one.
+    """
+    name, options = world
+    env = environment.make_environment(name, options, allow_code=allow_code, continuous=True)
+    how = angle, allow_code, int(seeds[0]), name in TIMED
+    with drivers.driver_in(env, policy, world, *how) as loaded:
+        if loaded.record.interface.n_features > environment.sizes(env)[0]:
+            env = environment.make_environment(name, {**options, "clock": True}, continuous=True)
+        road: Any = env.unwrapped  # a fallback is of roads
+        driver = loaded.policy
+        if fallback:
+            driver = drivers.with_fallback(fallback, policy, loaded, road.world)
         count = len(seeds)
-        rollout = rollout_env(env, loaded.policy, count, int(seeds[0]), deterministic=not soft)
-        return rollout, loaded.record
+        rollout = rollout_env(env, driver, count, int(seeds[0]), deterministic=not soft)
+        return rollout, loaded.record, driver.share if isinstance(driver, Watched) else None
 
 
 def pool(rows: Sequence[dict[str, Any]], targets: Sequence[float | None]) -> dict[str, Any]:
     """Return the means over policies of common numbers.
 
-    The angle is that of the mean totals, if all targets, in degrees, are known and equal. Otherwise
-    it would describe none of the policies, and `angle_not_pooled` says why there is none.
+    The angle is that of the mean totals, if all targets are known and equal. Otherwise it would
+    describe none of the policies, and `angle_not_pooled` says why there is none.
+
+    Args:
+        rows: Numbers of each policy by name.
+        targets: Angle in degrees that each policy was trained for; None if it is not known.
+
+    Returns:
+        Means by name; intervals are left out.
     """
     names = [name for name in rows[0] if all(isinstance(row.get(name), float) for row in rows)]
     # Intervals belong to one policy's episodes: they can't be averaged.

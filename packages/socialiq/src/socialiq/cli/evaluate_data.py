@@ -1,42 +1,58 @@
 """`evaluate --data`: J(α) of policies from episodes that others drove, without an environment."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from socialiq.cli.drivers import complain_if_it_stands, dial_of
-from socialiq.cli.output import print_json, print_table, say
+from socialiq.cli.output import Result, print_table, say
 from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.off_policy import Chances, Estimate, Evaluator, Logged
 from socialiq.nn.q_policy import ValuePolicy
-from socialiq.policies.load import load_policy
+from socialiq.policies.load import load_policy, name_of
 from socialiq.types import Policy, Row
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Angles in degrees at which a policy is evaluated; a dial is turned to each in its range."""
 
 
-def evaluate_data(command: Any, policies: Sequence[str], data: Path) -> int:
-    """Evaluate policies on a file of demonstrations, and print.
+def evaluate_data(command: Any, policies: Sequence[Any], data: Path | Demonstrations) -> Result:
+    """Evaluate policies on demonstrations.
 
-    The command has `soft` (whether policies draw from softmax(Q/τ)), `seed` (of the bootstrap),
-    `allow_code` and `json`. What the data can't support is said on standard error.
+    Args:
+        command: Object with `soft` (whether policies draw from softmax(Q/τ)), `seed` (of the
+            bootstrap) and `allow_code`.
+        policies: Policies as for `load_policy`, or dials.
+        data: Demonstrations, or their file.
+
+    Returns:
+        The estimates of each policy at each angle, with a warning about what the data can't
+        support.
+
+    Raises:
+        UserError: If the file or a policy can't be read, or a dial has none of `ANGLES`.
     """
-    logged = Logged.of(files.load(data))
+    logged = Logged.of(files.load(data) if isinstance(data, Path) else data)
     evaluator = Evaluator(logged, resamples=200, seed=command.seed)
-    estimates = {spec: _rows(evaluator, spec, command) for spec in policies}
-    if command.json:
-        described = {"data": str(data), "episodes": logged.data.n_episodes, "seed": command.seed}
-        results = [{"policy": spec, "angles": rows} for spec, rows in estimates.items()]
-        print_json(described | {"policies": results})
-        return 0
+    estimates = {name_of(spec): _rows(evaluator, spec, command) for spec in policies}
+    name = str(data) if isinstance(data, Path) else files.sha256_of(data)
+    described = {"data": name, "episodes": logged.data.n_episodes, "seed": command.seed}
+    results = [{"policy": name, "angles": rows} for name, rows in estimates.items()]
+    table = [{"policy": name} | row for name, rows in estimates.items() for row in rows]
+    return Result(described | {"policies": results}, table)
+
+
+def print_estimates(result: Mapping[str, Any]) -> None:
+    """Print a table for each policy, and on standard error what the data can't support."""
+    estimates = {policy["policy"]: policy["angles"] for policy in result["policies"]}
     for spec, rows in estimates.items():
         columns = [{name: row[name] for name in row if name != "warning"} for row in rows]
-        print_table(columns, f"{spec}: J(α) from {logged.data.n_episodes} episodes of {data}")
+        print_table(columns, f"{spec}: J(α) from {result['episodes']} episodes of {result['data']}")
     for spec, rows in estimates.items():
         by_line: dict[str, list[str]] = {}
         for row in rows:
@@ -45,19 +61,23 @@ def evaluate_data(command: Any, policies: Sequence[str], data: Path) -> int:
             where = f", {', '.join(angles)} degrees" if len(angles) < len(rows) else ""
             if line:
                 say(f"{spec}{where}: {line}")
-    return 0
 
 
-def _rows(evaluator: Evaluator, spec: str, command: Any) -> list[Row]:
+def _rows(evaluator: Evaluator, spec: Any, command: Any) -> list[Row]:
     """Return both estimates at each angle; a policy of one angle is evaluated once."""
-    data, code = evaluator.logged.data, command.allow_code
-    dial, angles = dial_of(spec), ANGLES
+    data = evaluator.logged.data
+    code = command.allow_code
+    dial = dial_of(spec)
+    angles = ANGLES
     if dial is not None:
         complain_if_it_stands(spec, dial, data.observation)
         angles = tuple(angle for angle in ANGLES if dial.low <= angle <= dial.high)
         if not angles:
-            raise UserError(f"{spec} has none of {ANGLES}: `socialiq turn` it to one angle first")
-    rows, estimate = [], None
+            raise UserError(
+                f"{name_of(spec)} has none of {ANGLES}: `socialiq turn` it to one angle first"
+            )
+    rows = []
+    estimate = None
     for angle in angles:
         if estimate is None or dial is not None:
             loaded = load_policy(
@@ -93,7 +113,7 @@ def _chances_of(policy: Policy, n_actions: int, soft: bool) -> Chances:
 
 
 def _cells(name: str, estimate: Estimate, angle: float, *, filled: bool) -> dict[str, Any]:
-    """Return an estimate with its interval; empty cells for what has nothing to stand on."""
+    """Return an estimate with its interval; cells are empty where an estimate has no support."""
     values = estimate.value(angle) if filled else (math.nan,) * 3
     columns = (name, f"{name}_low", f"{name}_high")
     return {

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import driver_of, intersection_named
-from socialiq.cli.output import Printing, listed
+from socialiq.cli.drivers import OnRoads, driver_of, with_one_ego
+from socialiq.cli.output import Printing, Result, listed
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.evaluation.simulate import observations_of
@@ -25,13 +25,16 @@ from socialiq.nn.saved import Saved
 from socialiq.nn.unlikeness import Unlikeness
 from socialiq.outputs import all_or_none, new_folder, refuse_existing
 from socialiq.policies import card, export, load
+from socialiq.policies.drivers import Driver, parse
+from socialiq.policies.load import name_of
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.types import Row
+from socialiq.worlds import grammar
+from socialiq.worlds.catalogue import ROADS
+from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.perception import FrontEnd
-from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.situation import ContextPolicy
 
 FORMATS = {
@@ -66,18 +69,22 @@ class Export(Printing):
     angle: float | None = None
     """Social angle of a dial, in degrees."""
     front_end: str = ""
-    """Perception before a policy of the intersection, in the graph of ONNX: latency=1,track=3. The
-    graph then takes what the sensors show and a memory, and returns the next memory."""
+    """Perception before a policy, in the graph of ONNX: latency=1,track=3. The graph then takes
+    what the sensors show and a memory, and returns the next memory."""
+    world: str = "intersection"
+    """Road of the front end: intersection, merge, roundabout or two_way."""
     evaluation: Path | None = None
     """JSON output of `socialiq evaluate POLICY --json`, for the card."""
 
-    def run(self) -> int:
-        """Read the policy, write the file and print what was written."""
+    def result(self) -> Result:
+        """Read the policy and write the file."""
         one_of("format", self.format, (*FORMATS, HUB))
         if self.evaluation and self.format not in ("card", "bom", HUB):
             raise UserError("an evaluation goes into a card: add --format card, bom or hub")
-        if self.front_end and self.format != "onnx":
+        if self._driver.front_end and self.format != "onnx":
             raise UserError("a front end is of --format onnx: leave out --front-end")
+        if self.world != Export.world and not self._driver.front_end:
+            raise UserError("--world is the road of a front end: add --front-end, or leave it out")
         if self.format == HUB:
             return self.folder()
         refuse_existing(self.out, *FORMATS[self.format])
@@ -90,38 +97,65 @@ class Export(Printing):
                 "angle, or give --format card or bom"
             )
         else:
-            front_end = FrontEnd.of(self.front_end) if self.front_end else None
-            onnx = functools.partial(export.to_onnx, front_end=front_end)
+            onnx = functools.partial(export.to_onnx, front_end=self.sensing())
             content = (onnx if self.format == "onnx" else export.to_safetensors)(policy)
         write_atomically(self.out, content, replace=False)
         written = {"out": str(self.out), "format": self.format, "bytes": len(content)}
         written |= {"sha256": hashlib.sha256(content).hexdigest()}
-        return self.show(written, [written])
+        return Result(written, [written])
 
-    def folder(self) -> int:
+    def sensing(self) -> FrontEnd | None:
+        """Return the front end of the road, if there is one."""
+        front_end = self._driver.front_end
+        if not front_end:
+            return None
+        written = grammar.parse(self.world)
+        one_of("world", written.name, ROADS)
+        road: Any = with_one_ego(written)
+        return replace(FrontEnd.of(front_end), ego=road.ego)
+
+    def folder(self) -> Result:
         """Write the policy's file and its card into a new folder."""
         policy, training = self.read()
         with all_or_none(new_folder(self.out)):
             policy.save(self.out / "policy.safetensors")
             write_atomically(self.out / "README.md", self.described(policy, training))
         written = {"out": str(self.out), "format": HUB}
-        return self.show(written, [written])
+        return Result(written, [written])
+
+    @property
+    def _driver(self) -> Driver:
+        """The policy, with its angle and front end by either way of writing them."""
+        driver = parse(self.policy)
+        front_end = self.front_end or driver.front_end
+        return driver._replace(angle=driver.at(self.angle), front_end=front_end)
+
+    @property
+    def _path(self) -> Path | None:
+        """File of the policy; None for an object that a function got."""
+        spec = self._driver.spec
+        return Path(spec) if isinstance(spec, str) else None
 
     def read(self) -> tuple[card.Exported, dict[str, Any]]:
         """Return the policy, and further records of its training."""
-        path, shipped = Path(self.policy), self.policy in atlas.names()
-        if not shipped and not path.exists():
+        spec: Any = self._driver.spec
+        angle = self._driver.angle
+        path = self._path
+        shipped = spec in atlas.names()
+        if path and not shipped and not path.exists():
             names = ", ".join(atlas.names())
-            raise UserError(f"no policy '{one_line(self.policy)}': name a file, or one of {names}")
-        kind = "" if shipped else kind_of(path)
+            raise UserError(f"no policy '{one_line(spec)}': name a file, or one of {names}")
+        kind = "" if shipped else kind_of(path) if path else getattr(spec, "KIND", "")
         if kind in (DialPolicy.KIND, ActorDial.KIND):
-            if self.angle is None:
-                raise UserError(f"{path} is a dial: add --angle")
-            return load.read_native(path, None, self.angle)[0], {}
-        if self.angle is not None:
-            raise UserError(f"{one_line(self.policy)} is not a dial: leave --angle out")
+            if angle is None:
+                raise UserError(f"{name_of(spec)} is a dial: add --angle")
+            return load.read_native(path, None, angle)[0] if path else spec.at(angle), {}
+        if angle is not None:
+            raise UserError(f"{one_line(name_of(spec))} is not a dial: leave --angle out")
+        if path is None:
+            return spec, {}
         if shipped:
-            return atlas.load(self.policy), atlas.manifest()[self.policy]
+            return atlas.load(spec), atlas.manifest()[spec]
         policy, _ = load.read_native(path, None)
         record = path.parent / "run.json"
         if kind == ContextPolicy.KIND or not record.is_file():
@@ -133,8 +167,17 @@ class Export(Printing):
         return policy, {**training, "made_by": "socialiq train"} if belongs else {}
 
     def described(self, policy: card.Exported, training: dict[str, Any]) -> bytes:
-        """Return the model card, or the bill of materials."""
-        evaluation, words = training.get("greedy"), ""
+        """Return the model card, or the bill of materials.
+
+        Args:
+            policy: The policy.
+            training: Records of its training; empty if they are not known.
+
+        Returns:
+            UTF-8 text: Markdown, or JSON if the format is "bom".
+        """
+        evaluation = training.get("greedy")
+        words = ""
         if evaluation is not None:
             words = "By the study that made it, taking the best action always."
         if self.evaluation is not None:
@@ -144,12 +187,14 @@ class Export(Printing):
                 f"By the file {one_line(self.evaluation.name, 80)}, SHA-256 {digest}. It does not "
                 "name its policy; the author of this card states it."
             )
-        at = "" if self.angle is None else f" at {self.angle:g} degrees"
-        name = f"{Path(self.policy).stem}{at}"
+        angle = self._driver.angle
+        spec = self._driver.spec
+        at = "" if angle is None else f" at {angle:g} degrees"
+        name = f"{Path(name_of(spec)).stem}{at}"
         facts: dict[str, Any] = {"training": training, "evaluation": evaluation}
         if self.format != "bom":
             return card.model_card(policy, name, evaluated_by=words, **facts).encode()
-        file = Path(self.policy) if self.angle is None else None  # a dial's file holds many
+        file = self._path if angle is None else None  # a dial's file holds many
         sha256 = sha256_of_file(file) if file is not None and file.is_file() else ""
         return card.card_materials(policy, name, file_sha256=sha256, **facts)
 
@@ -200,7 +245,8 @@ class Turn(Printing):
                 "or --angle-rule FILE"
             )
         if self.angle is not None:
-            policy, turned = self._dial(kind).at(self.angle), turned | {"angle": self.angle}
+            policy = self._dial(kind).at(self.angle)
+            turned = turned | {"angle": self.angle}
         elif kind == ActorDial.KIND or self.angle_rule is None:
             raise UserError(
                 f"{self.dial} has continuous actions: a rule turns a dial of "
@@ -243,7 +289,7 @@ class Score(Printing):
     angle: float | None = None
     """Social angle of a dial, in degrees."""
     world: str = "intersection"
-    """The declared world: intersection, or one with crosswalks."""
+    """The declared world: intersection, one with crosswalks, merge, roundabout or two_way."""
     shift: str = ""
     """Shift of the declared world, as of `socialiq evaluate`."""
     front_end: str = ""
@@ -256,11 +302,12 @@ class Score(Printing):
     def run(self) -> int:
         """Drive, fit, write, test, print."""
         check_seed(self.seed)
-        one_of("world", self.world, INTERSECTIONS)
+        sensed = OnRoads(shift=self.shift, front_end=self.front_end).written(self.world)
+        one_of("world", sensed.name, ROADS)
         refuse_existing(self.out)
         if self.episodes < 2:
             raise UserError(f"--episodes {self.episodes}: give 2 or more")
-        world = intersection_named(self.world, self.shift, self.front_end)
+        world: Any = with_one_ego(sensed)
         policy = driver_of(str(self.policy), world, self.angle).policy
         if not isinstance(policy, QPolicy):
             raise UserError(f"{self.policy} is not one network of discrete actions: name another")

@@ -40,16 +40,10 @@ def _run(arguments: list[str] | None) -> int:
     try:
         with ctrl_c_until_heard():
             command = parse(arguments)
-            from socialiq.outputs import check_place, claimed
-
-            words.check_options(command)
-            for option in ("out", "work"):
-                place = getattr(command, option, None)
-                if isinstance(place, Path):
-                    check_place(place, f"--{option}")
-            out = getattr(command, "output", getattr(command, "out", None))
-            with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
-                return command.run()
+            with checked(command):
+                status = command.run()
+            words.say_old_world(getattr(command, "world", None))
+            return status
     except KeyboardInterrupt:
         return _fail("stopped; nothing was saved", 130)
     except UserError as error:
@@ -62,6 +56,21 @@ def _run(arguments: list[str] | None) -> int:
         if error.filename is None:
             raise
         return _fail(f"{error.strerror}: {foreign.cut(str(error.filename), 200)}")
+
+
+@contextlib.contextmanager
+def checked(command: Any) -> Iterator[None]:
+    """Check the numbers and places of a command, and keep others from its output in the block."""
+    from socialiq.outputs import check_place, claimed
+
+    words.check_options(command)
+    for option in ("out", "work"):
+        place = getattr(command, option, None)
+        if isinstance(place, Path):
+            check_place(place, f"--{option}")
+    out = getattr(command, "output", getattr(command, "out", None))
+    with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
+        yield
 
 
 @contextlib.contextmanager
@@ -96,7 +105,8 @@ def ctrl_c_until_heard() -> Iterator[None]:
             reported(dropped)
 
     watcher = threading.Thread(target=watch, daemon=True)
-    reported, sys.unraisablehook = sys.unraisablehook, report
+    reported = sys.unraisablehook
+    sys.unraisablehook = report
     signal.signal(signal.SIGINT, interrupt)
     try:
         yield
@@ -132,7 +142,8 @@ def parse(arguments: list[str] | None) -> Any:
         name = " ".join(line[:length])
         if name not in commands.COMMANDS:
             continue
-        program, after = f"socialiq {name}", line[length:]
+        program = f"socialiq {name}"
+        after = line[length:]
         options = commands.declared_options(*commands.COMMANDS[name].split(":"))
         # Before the command's module is imported, which takes seconds.
         if options and (mistake := words.unknown_option(program, after, options)):
@@ -187,7 +198,8 @@ class Stream:
         self._stream = stream
         self.failure: OSError | None = None
         if stream is None:
-            self._stream, self.failure = io.StringIO(), BrokenPipeError()
+            self._stream = io.StringIO()
+            self.failure = BrokenPipeError()
         elif hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 
@@ -219,8 +231,10 @@ def exit_status(command: Callable[[], int]) -> int:
     still waits for, because a disk is full, for instance.
     """
     before = sys.stdout, sys.stderr
-    out, errors = Stream(sys.stdout), Stream(sys.stderr)
-    sys.stdout, sys.stderr = out, errors  # pyright: ignore[reportAttributeAccessIssue]
+    out = Stream(sys.stdout)
+    errors = Stream(sys.stderr)
+    sys.stdout = out  # pyright: ignore[reportAttributeAccessIssue]
+    sys.stderr = errors  # pyright: ignore[reportAttributeAccessIssue]
     try:
         try:
             status = command()

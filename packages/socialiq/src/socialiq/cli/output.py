@@ -1,12 +1,20 @@
-"""Output of commands: one JSON object or tables, and on standard error the progress."""
+"""Output of commands: one JSON object or tables, and on standard error the progress.
+
+The functions of `socialiq.functions` do the work of commands and print nothing (`as_function`).
+"""
 
 from __future__ import annotations
 
+import contextlib
+import contextvars
+import io
 import json
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +31,65 @@ _PLAIN_SECONDS = 10.0  # between two plain lines of one stage
 _WIDE = 60  # columns of a terminal that has room for counts and units
 
 
+_IN_PYTHON = contextvars.ContextVar("in Python", default=False)
+
+
+@contextlib.contextmanager
+def as_function() -> Iterator[None]:
+    """Print no progress in the block, and raise complaints as warnings of Python."""
+    before = _IN_PYTHON.set(True)
+    try:
+        yield
+    finally:
+        _IN_PYTHON.reset(before)
+
+
+@dataclass(frozen=True, repr=False)
+class Result(Mapping[str, Any]):
+    """Numbers of a command by name, as --json prints them; its repr is the printed table.
+
+    Attributes:
+        numbers: The numbers, JSON-compatible.
+        rows: The same as rows of a table with equal keys.
+        title: Line above the table; "" for none.
+    """
+
+    numbers: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+    title: str = ""
+
+    def __getitem__(self, name: str) -> Any:
+        return self.numbers[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.numbers)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __repr__(self) -> str:
+        text = io.StringIO()
+        Console(file=text, width=_PIPED_WIDTH).print(_table(self.rows))
+        return f"{self.title}\n{text.getvalue()}".strip()
+
+
+@dataclass(frozen=True, repr=False)
+class Policies(Result):
+    """Outcome of a training: numbers by name, and the policies or dials in the order of the rows.
+
+    Attributes:
+        trained: The policies or dials, one for each run; they can be saved.
+        failures: One line for each run that stopped early.
+    """
+
+    trained: Sequence[Any] = ()
+    failures: Sequence[str] = ()
+
+    def policy(self, run: int = 0) -> Any:
+        """Return the policy or dial of one run, by its number from 0."""
+        return self.trained[run]
+
+
 class Printing:
     """Base of commands that print a result: tables, or one JSON object with --json.
 
@@ -31,10 +98,28 @@ class Printing:
 
     json = False
 
+    def run(self) -> int:
+        """Do the work, print the result; return the exit status."""
+        result = self.result()
+        return self.show(result.numbers, result.rows, result.title)
+
+    def result(self) -> Result:
+        """Do the work and return its result."""
+        raise NotImplementedError
+
     def show(
         self, result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], title: str = ""
     ) -> int:
-        """Print a result, as JSON or as a table of rows; return the exit status 0."""
+        """Print a result, as JSON or as a table of rows.
+
+        Args:
+            result: The result, for JSON.
+            rows: The result as rows of equal keys, at least one.
+            title: Line above the table; "" for none.
+
+        Returns:
+            The exit status 0.
+        """
         if self.json:
             print_json(result)
         else:
@@ -48,17 +133,32 @@ def print_json(value: Mapping[str, Any]) -> None:
 
 
 def say(line: str) -> None:
-    """Print one line on standard error, as it is."""
-    sys.stderr.write(f"{line}\n")
+    """Print one line on standard error, as it is; none `as_function`."""
+    if not _IN_PYTHON.get():
+        sys.stderr.write(f"{line}\n")
 
 
 def complain(line: str) -> None:
-    """Print one line on standard error."""
+    """Print one line on standard error; `as_function` it is a warning."""
+    if _IN_PYTHON.get():
+        warnings.warn(line, stacklevel=2)
     say(f"socialiq: {line}")
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
-    """Print rows of equal keys as a table, with numbers to three decimals."""
+    """Print rows of equal keys as a table, with numbers to three decimals.
+
+    Args:
+        rows: At least one row.
+        title: Line above the table; "" for none.
+    """
+    if title:
+        sys.stdout.write(f"{title}\n")
+    width = max(Console().width, _LEAST_WIDTH) if sys.stdout.isatty() else _PIPED_WIDTH
+    Console(width=width).print(_table(rows))
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> rich.table.Table:
     table = rich.table.Table(header_style="bold", box=None, padding=(0, 2, 0, 0))
     for name in rows[0]:
         numeric = all(isinstance(row[name], int | float) for row in rows)
@@ -70,14 +170,16 @@ def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
         )
     for row in rows:
         table.add_row(*(_cell(value) for value in row.values()))
-    if title:
-        sys.stdout.write(f"{title}\n")
-    width = max(Console().width, _LEAST_WIDTH) if sys.stdout.isatty() else _PIPED_WIDTH
-    Console(width=width).print(table)
+    return table
 
 
 def listed(values: Mapping[str, Any], heading: str = "quantity") -> list[dict[str, Any]]:
-    """Return a table with a row for each value."""
+    """Return a table with a row for each value.
+
+    Args:
+        values: Values by name.
+        heading: Heading of the column of names.
+    """
     return [{heading: name, "value": value} for name, value in values.items()]
 
 
@@ -92,11 +194,13 @@ class Display:
     """Progress of the stages of a command, one after another; a context manager.
 
     On a terminal stage, bar, rate and the time left come first, and named losses follow as far as
-    there is room. Elsewhere a plain line appears every ten seconds, or nothing if `quiet`.
+    there is room. Elsewhere a plain line appears every ten seconds; with `quiet` no progress is
+    shown.
     """
 
     def __init__(self, quiet: bool = False, console: Console | None = None) -> None:
         console = console or Console(stderr=True)
+        quiet = quiet or _IN_PYTHON.get()
         self._live = not quiet and console.is_terminal
         self._plain = not quiet and not self._live
         self._wide = console.width >= _WIDE
@@ -139,7 +243,8 @@ class Display:
             due = time.monotonic() - printed[0] >= _PLAIN_SECONDS or report.done == report.total
             if self._plain and due:
                 printed[0] = time.monotonic()
-                count, losses = f"{report.done}/{report.total}", " ".join(_losses(report))
+                count = f"{report.done}/{report.total}"
+                losses = " ".join(_losses(report))
                 texts = [count, rate_of(report), _remaining(report.seconds_left), losses]
                 say(f"{name}: {', '.join(text for text in texts if text)}")
 
@@ -147,7 +252,12 @@ class Display:
 
 
 def fitted(words: Sequence[str], room: int) -> str:
-    """Return as many of the first words, separated by blanks, as there is room for."""
+    """Return as many of the first words, separated by blanks, as there is room for.
+
+    Args:
+        words: The words.
+        room: Largest number of characters of the result.
+    """
     text = ""
     for word in words:
         longer = f"{text} {word}".strip()
@@ -158,7 +268,13 @@ def fitted(words: Sequence[str], room: int) -> str:
 
 
 def rate_of(report: Report, with_unit: bool = True) -> str:
-    """Return the rate, with its unit or in short."""
+    """Return the rate of a training as text.
+
+    Args:
+        report: Progress of the training.
+        with_unit: Whether to name what is counted, as in "500 updates/s"; else only the time, as in
+            "500/s".
+    """
     rate = f"{report.rate:,.0f}" if report.rate >= 10 else f"{report.rate:.1f}"
     unit = report.unit if "/" in report.unit else f"{report.unit}/s"
     return f"{rate} {unit}" if with_unit else f"{rate}/{unit.rpartition('/')[2]}"
@@ -179,6 +295,7 @@ def _losses(report: Report) -> list[str]:
         texts.append(f"max|Q| {report.terms['max_q']:.3g}")
     if "greedy_angle" in report.monitored:
         angles = report.monitored["greedy_angle"]
-        low, high = np.min(angles), np.max(angles)
+        low = np.min(angles)
+        high = np.max(angles)
         texts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
     return texts

@@ -1,29 +1,32 @@
 """`population`: fleets of one driver and mixed ones. `stakeholders`: who wants which angle."""
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import dial_of, refuse_misfit
+from socialiq.cli.drivers import dial_of, driver_of, refuse_misfit
 from socialiq.cli.output import Printing, print_json, print_table, say
 from socialiq.errors import UserError
+from socialiq.evaluation.measures import Episodes, by_episode
 from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
+from socialiq.policies.drivers import parse
 from socialiq.population import fleet
 from socialiq.population import stakeholders as room
 from socialiq.results_folder import as_csv, versions
-from socialiq.storage import write_atomically, write_json
+from socialiq.storage import is_file, write_atomically, write_json
 from socialiq.to_json import rounded
-from socialiq.types import Row
-from socialiq.worlds.highway.world import RoadWorld, SceneWorld
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.types import Policy, Row
+from socialiq.worlds import catalogue, grammar
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import make_fleet
 
 
@@ -37,16 +40,15 @@ class Population(Printing):
     Example: socialiq population intersection --policy dial.safetensors --angle 0 45 90 --agents 8
     """
 
-    world: Annotated[Literal["intersection", "merge", "roundabout"], tyro.conf.Positional] = (
-        "intersection"
-    )
+    world: Annotated[str, tyro.conf.Positional] = "intersection"
+    """intersection, merge, roundabout or two_way, with options as `socialiq worlds` lists them."""
     _: KW_ONLY
-    policy: str
-    """File of a dial."""
+    policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
+    """A dial, which is a fleet at each angle, or another driver; one --policy for each."""
     angle: tuple[float, ...] = ()
     """Angles of the fleets, in degrees; by default 0, 15, ..., 90."""
-    agents: int = 8
-    """Controlled vehicles, of 2 to 16."""
+    agents: int | None = None
+    """Controlled vehicles, of 2 to 16; by default as the world says, else 8."""
     invaders: int = 1
     """Of these, vehicles of another angle than the residents."""
     spawn_probability: float | None = None
@@ -68,29 +70,41 @@ class Population(Printing):
         for name, least in (("episodes", 2), ("invaders", 1)):
             if getattr(self, name) < least:
                 raise UserError(f"--{name} {getattr(self, name)}: give {least} or more")
-        if self.invaders >= self.agents:
-            raise UserError(f"--invaders {self.invaders} leave no resident: add --agents")
         if self.out:
             check_output_folder(self.out)
             drawing()
+        if not self.policy:
+            raise UserError("no driver is named: add --policy DRIVER")
         world = self.road()
-        dial = dial_of(self.policy) if Path(self.policy).is_file() else None
-        if not isinstance(dial, DialPolicy):
-            raise UserError(f"{self.policy} is no file of a dial of discrete actions: name one")
-        assert isinstance(world, Intersection | SceneWorld)
-        refuse_misfit(self.policy, dial, world)
-        usual = np.arange(dial.low, dial.high + 1e-9, 15.0).tolist()
-        angles = tuple(dict.fromkeys(self.angle or usual))
-        if len(angles) < 2:
-            raise UserError("--angle: give two or more, for residents and invaders")
+        if self.invaders >= world.agents:
+            raise UserError(f"--invaders {self.invaders} leave no resident: add --agents")
         seeds = np.arange(self.seed, self.seed + self.episodes)
-        uniform = fleet.uniform_fleets(world, dial, angles, seeds)
+        with contextlib.ExitStack() as closing:
+            drivers = self.drivers(world, closing)
+            return self.measured(world, drivers, seeds)
+
+    def measured(
+        self, world: RoadWorld, drivers: Mapping[float | str, Policy], seeds: np.ndarray
+    ) -> int:
+        """Drive the fleets, print, write the folder.
+
+        Args:
+            world: The road with its agents.
+            drivers: Driver of each fleet by its label: degrees of a dial, or the driver's name.
+            seeds: Seed of each episode.
+
+        Returns:
+            The exit status 0.
+        """
+        angles = tuple(drivers)
+        uniform = fleet.uniform_fleets(world, drivers, seeds)
         fleets = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
         say(f"{len(angles)} fleets, and {len(angles) * (len(angles) - 1)} with invaders")
-        invaders = fleet.invasions(world, dial, uniform, seeds, self.invaders, self.seed)
+        invaders = fleet.invasions(world, drivers, uniform, seeds, self.invaders, self.seed)
         invasions = list(invaders)
+        policy = self.policy[0] if len(self.policy) == 1 else list(self.policy)
         result = {
-            "world": world.name, "policy": self.policy, "agents": self.agents,
+            "world": world.name, "policy": policy, "agents": world.agents,
             "invaders": self.invaders, "duration": world.options.duration,
             "spawn_probability": getattr(world.options, "spawn_probability", None),
             "episodes": self.episodes, "seed": self.seed, "fleets": fleets, "invasions": invasions,
@@ -108,28 +122,71 @@ class Population(Printing):
             return 0
         print_table(
             [{name: row[name] for name in ("angle", *fleet.MEASURES)} for row in fleets],
-            f"Fleets of {self.agents}, everybody at one angle; shares, and sums until the own end",
+            f"Fleets of {world.agents}, everybody at one angle; shares, and sums until the own end",
         )
-        print_table(fitness_table(angles, invasions), _INVASION)
+        if invasions:
+            print_table(fitness_table(angles, invasions), _INVASION)
         return 0
 
     def road(self) -> RoadWorld:
         """Return the road with its agents."""
+        written = grammar.parse(self.world)
         usual: dict[str, Any] = {"spawn_probability": 0.6, "duration": fleet.DURATION}
-        given = {name: getattr(self, name) for name in ("agents", *usual)}
+        usual = usual if written.name == catalogue.INTERSECTION else {}
+        usual |= {"agents": _AGENTS}
+        given = {name: getattr(self, name) for name in ("agents", "spawn_probability", "duration")}
         given = {name: value for name, value in given.items() if value is not None}
-        return make_fleet(self.world, **(usual if self.world == "intersection" else {}) | given)
+        for name in given.keys() & written.options.keys():
+            flag = name.replace("_", "-")
+            raise UserError(f"--{flag} and {name} of the world: leave one out")
+        return make_fleet(written.name, **usual | written.options | given)
 
-    def by_episode(self, uniform: Mapping[float, fleet.Fleet]) -> list[Row]:
+    def drivers(self, world: RoadWorld, closing: contextlib.ExitStack) -> dict[float | str, Policy]:
+        """Return the driver of each fleet, by degrees of a dial or by its name.
+
+        Args:
+            world: The road with its agents.
+            closing: Ends the processes of drivers that are code.
+        """
+        drivers: dict[float | str, Policy] = {}
+        dials = 0
+        for text in self.policy:
+            driver = parse(text)
+            dial = dial_of(text) if is_file(driver.spec) and driver.angle is None else None
+            if dial is None or driver.front_end:
+                loaded = closing.enter_context(driver_of(text, world, seed=self.seed))
+                if getattr(loaded.policy, "remembers", False):
+                    raise UserError(f"{text}: drivers of fleets have no memory: leave + out")
+                drivers[text] = loaded.policy
+                continue
+            if not isinstance(dial, DialPolicy):
+                raise UserError(f"{text} is no file of a dial of discrete actions: name one")
+            refuse_misfit(text, dial, world)
+            dials += 1
+            usual = np.arange(dial.low, dial.high + 1e-9, 15.0).tolist()
+            angles = dict.fromkeys(self.angle or usual)
+            if len(angles) < 2 and len(self.policy) == 1:
+                raise UserError("--angle: give two or more, for residents and invaders")
+            several = sum(is_file(parse(other).spec) for other in self.policy) > 1
+            for angle in angles:
+                drivers[f"{text}@{angle:g}" if several else angle] = dial.at(angle)
+        if self.angle and not dials:
+            raise UserError("--angle is of dials: name a dial's file by --policy, or leave it out")
+        return drivers
+
+    def by_episode(self, uniform: Mapping[float | str, Episodes]) -> list[Row]:
         """Return a row for each episode of the uniform fleets, with means over their agents."""
-        rows = []
-        for angle, group in uniform.items():
-            columns = group.means(0)
-            for number in range(self.episodes):
-                row: Row = {"policy": self.policy, "angle": angle, "seed": self.seed + number}
-                rows.append(row | {name: float(columns[name][number]) for name in columns})
+        rows = list[Row]()
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        for label, group in uniform.items():
+            dialled = isinstance(label, float)
+            row: Row = {"policy": self.policy[0] if dialled else label}
+            row |= {"angle": label if dialled else ""}
+            rows += by_episode(fleet.means(group, 0), fleet.MEASURES, seeds, row)
         return rows
 
+
+_AGENTS = 8  # controlled vehicles, by default
 
 _INVASION = (
     "What an invader (row) gets more than everybody in a fleet of residents (column), r_env; * "
@@ -137,8 +194,16 @@ _INVASION = (
 )
 
 
-def fitness_table(angles: tuple[float, ...], invasions: list[Row]) -> list[Row]:
-    """Return a row for each invader, with a column for each resident."""
+def fitness_table(angles: tuple[float | str, ...], invasions: list[Row]) -> list[Row]:
+    """Return a row for each invader, with a column for each resident.
+
+    Args:
+        angles: Angles in degrees, or names of drivers, for rows and columns.
+        invasions: Rows of `population.fleet.invasions`.
+
+    Returns:
+        Rows with the gain in r_env as text; * where its interval is above 0, "" without such a row.
+    """
     cells = {(row["invader"], row["resident"]): row for row in invasions}
     rows = []
     for invader in angles:
@@ -146,18 +211,29 @@ def fitness_table(angles: tuple[float, ...], invasions: list[Row]) -> list[Row]:
         for resident in angles:
             cell = cells.get((invader, resident))
             gains = cell is not None and cell["gain_low"] > 0.0
-            row[f"{resident:g}"] = (
+            row[_short(resident)] = (
                 "" if cell is None else f"{cell['gain']:.2f}{'*' if gains else ''}"
             )
         rows.append(row)
     return rows
 
 
+def _short(label: float | str) -> str:
+    return label if isinstance(label, str) else f"{label:g}"
+
+
 def population_figure(fleets: list[Row], invasions: list[Row]) -> Any:
-    """Draw arrivals and collisions of uniform fleets, and what the best invader gains."""
+    """Draw arrivals and collisions of uniform fleets, and what the best invader gains.
+
+    Args:
+        fleets: A row for each angle, with `angle` in degrees and the means of a uniform fleet.
+        invasions: Rows of `population.fleet.invasions`.
+    """
     figure = style.figure(9.0, 3.2)
     panels = figure.subplots(1, 3)
     angles = [row["angle"] for row in fleets]
+    named = any(isinstance(angle, str) for angle in angles)
+    places = [_short(angle) for angle in angles] if named else angles
     for axes, name, label in (
         (panels[0], "arrival", "vehicles that arrive, %"),
         (panels[1], "collision", "vehicles that collide, %"),
@@ -165,12 +241,15 @@ def population_figure(fleets: list[Row], invasions: list[Row]) -> Any:
         values, low, high = (
             100 * np.array([row[f"{name}{end}"] for row in fleets]) for end in ("", "_low", "_high")
         )
-        axes.errorbar(angles, values, [values - low, high - values], fmt="o-")
+        axes.errorbar(places, values, [values - low, high - values], fmt="o-")
         style.finish(axes, "", xlabel="angle of everybody, degrees", ylabel=label)
     for number, angle in enumerate(angles):
         rows = [row for row in invasions if row["invader"] == angle]
-        places, gains = [row["resident"] for row in rows], [row["gain"] for row in rows]
-        panels[2].plot(places, gains, "o-", color=f"C{number}", label=f"invader of {angle:g}°")
+        residents = [row["resident"] for row in rows]
+        residents = [_short(label) for label in residents] if named else residents
+        gains = [row["gain"] for row in rows]
+        label = angle if isinstance(angle, str) else f"{angle:g}°"
+        panels[2].plot(residents, gains, "o-", color=f"C{number}", label=f"invader of {label}")
     panels[2].axhline(0.0, color="#6e6e6e", linewidth=0.8)
     style.finish(panels[2], "", xlabel="angle of residents, degrees", ylabel="invader gains, r_env")
     style.head(figure, "Fleets of dials at one junction", legend=True)
@@ -248,7 +327,13 @@ def labels_of(settings: tuple[Row, ...]) -> list[str]:
 def utility_rows(
     episodes: room.Episodes, people: tuple[room.Stakeholder, ...], judgement: room.Judgement
 ) -> list[Row]:
-    """Return a row for each setting."""
+    """Return a row for each setting.
+
+    Args:
+        episodes: Episodes with their settings.
+        people: The stakeholders.
+        judgement: Utilities, and shares of resamples by choice.
+    """
     rows = []
     for number, setting in enumerate(episodes.settings):
         row = dict(setting)
@@ -263,7 +348,13 @@ def utility_rows(
 
 
 def printed(label: str, row: Row, people: tuple[room.Stakeholder, ...]) -> Row:
-    """Return a row with each utility and its interval in one cell."""
+    """Return a row with each utility and its interval in one cell.
+
+    Args:
+        label: Short name of the setting.
+        row: Row of `utility_rows`.
+        people: The stakeholders.
+    """
     cells: Row = {"setting": label}
     for person in people:
         value, low, high = (row[f"{person.name}{end}"] for end in ("", "_low", "_high"))
@@ -274,7 +365,17 @@ def printed(label: str, row: Row, people: tuple[room.Stakeholder, ...]) -> Row:
 def choice_rows(
     labels: list[str], worth: np.ndarray, people: tuple[room.Stakeholder, ...]
 ) -> list[Row]:
-    """Return the choices with the declared weights, and with each weight moved."""
+    """Return the choices with the declared weights, and with each weight moved.
+
+    Args:
+        labels: Short names of the settings.
+        worth: Utilities, shape (setting, episode, stakeholder).
+        people: The stakeholders, with the declared weights.
+
+    Returns:
+        Rows with the stakeholder whose weight is multiplied ("" in the first row), the factor, and
+        the setting that each of `RULES` chooses.
+    """
     declared = room.choose(worth.mean(axis=1)[None], room.weights_of(people))
     choices = [("", 1.0, {rule: int(row[0]) for rule, row in declared.items()})]
     return [

@@ -2,8 +2,6 @@
 
 import datetime
 import os
-import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,11 +20,11 @@ from socialiq.audit.verdict.bounds import faults_of_bounds
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending
-from socialiq.settings import assignments
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
-from socialiq.worlds import in_sumo
-from socialiq.worlds.registry import GRIDWORLDS, NAMES, spelled_out
+from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
+from socialiq.worlds.grammar import declared as spelled_out
+from socialiq.worlds.grammar import set_options
 
 
 @dataclass(frozen=True)
@@ -133,8 +131,8 @@ class New:
                 date = datetime.date.fromisoformat(self.date)
             except ValueError as error:
                 raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
-        options = world_options(self.set)
-        usual = template.usual_in(self.world, spelled_out(self.world, options)[1])
+        world, options = spelled_out(self.world, set_options(self.set))
+        usual = template.usual_in(world, options)
         loss = self.largest_loss
         margin = usual.margin if self.margin is None else self.margin
         if (self.clip_env is None) != (self.clip_social is None):
@@ -145,17 +143,18 @@ class New:
         elif clip is not None and (self.angle_rule or clip.largest_loss(self.angle) <= margin):
             clip = None  # a margin beyond it excludes nothing, which the audit says
         # The limits of the rewards are those of a constant angle.
-        if loss is None and clip is None and self.world in NAMES and not self.angle_rule:
-            loss = template.possible_loss(profile.world_of(self.world, options), self.angle)
+        if loss is None and clip is None and base(world) in KNOWN and not self.angle_rule:
+            loss = template.possible_loss(profile.world_of(world, options), self.angle)
             loss = loss if loss and loss > margin else None
-        width, bounded = self.width, clip is not None or self.world in GRIDWORLDS
+        width = self.width
+        bounded = clip is not None or base(world) in GRIDS
         if width is None and bounded and self.angle <= LAST_DIRECTION and not self.angle_rule:
             width = usual.width
         beyond = usual.beyond if self.beyond is None and width is not None else self.beyond
         declared = template.declare(
             self.angle,
             self.owner,
-            self.world,
+            world,
             profile.Margin(margin, None, loss, width, beyond),
             date,
             options,
@@ -173,14 +172,14 @@ class New:
     def _bounds(self) -> list[profile.Bound]:
         """Return the bounds of what the policy causes."""
         bounds = list[profile.Bound]()
-        options = spelled_out(self.world, world_options(self.set))[1]
-        defaults = template.limits_at(self.world, self.angle, bool(options.get("cyclist_rate")))
-        ranges = IN_GRIDWORLDS if self.world in GRIDWORLDS else {}
+        world, options = spelled_out(self.world, set_options(self.set))
+        defaults = template.limits_at(world, self.angle, options)
+        ranges = IN_GRIDWORLDS if base(world) in GRIDS else {}
         ranges = IN_SUMO if in_sumo(self.world) else ranges
         for name, quantity in QUANTITIES.items():
             ends = getattr(self, f"{name}_range", None)
             limits = (ends or ranges.get(name, quantity.range)) if quantity.unit else None
-            fields = {f"{side}_{name}": getattr(self, f"{side}_{name}") for side in SIDES}
+            fields = {f"{side}_{name}": getattr(self, f"{side}_{name}", None) for side in SIDES}
             if set(fields.values()) == {None}:
                 fields = {path: defaults.get(path) for path in fields}
             rows = [
@@ -210,27 +209,13 @@ class Check(Printing):
     def run(self) -> int:
         """Read, check, print."""
         declared = reader.load(self.file)
-        if declared.scenario.world not in NAMES:
+        if base(declared.scenario.world) not in KNOWN:
             declared.world(self.allow_code)
         for path, fault in faults_of_bounds(declared).items():
             line = reader.line_of(declared.source.decode(), path)
             raise UserError(f"{self.file}:{line}: {fault}")
         facts = _facts(declared)
         return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
-
-
-def world_options(words: Sequence[Sequence[str]]) -> dict[str, Any]:
-    """Return the options of a world that --set gave as KEY=VALUE."""
-    given = assignments([word for several in words for word in several])
-    return {name: _value(text) for name, text in given.items()}
-
-
-def _value(text: str) -> Any:
-    """Return a value as TOML writes it; other text is text."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
 
 
 def _facts(declared: profile.Profile) -> dict[str, Any]:

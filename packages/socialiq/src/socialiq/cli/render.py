@@ -3,13 +3,13 @@
 import webbrowser
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
 from socialiq.cli.audit import CodeOptions
-from socialiq.cli.drivers import driver_of, refuse_misfit, road_named
+from socialiq.cli.drivers import driver_of, refuse_misfit, with_one_ego
 from socialiq.cli.output import say
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
@@ -19,14 +19,11 @@ from socialiq.outputs import all_or_none, new_folder
 from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
-from socialiq.worlds import pictures, registry
-from socialiq.worlds.enumerate import expert_policy, tabulate
-from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.world import SceneWorld
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds import catalogue, grammar, pictures, registry
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.tabular_policy import expert_policy
 
 FILMS = (".gif", ".mp4")
-WORLDS = (*registry.GRIDWORLDS, *registry.INTERSECTIONS, *SCENES)
 
 
 @dataclass(frozen=True)
@@ -52,15 +49,16 @@ class Render:
 
     def run(self) -> int:
         """Draw and write."""
-        one_of("world", self.world, WORLDS)
-        on_road = self.world not in registry.GRIDWORLDS
+        written = grammar.parse(self.world)
+        one_of("world", written.name, catalogue.NAMES)
+        on_road = written.name in catalogue.ROADS
         suffixes = (".png", *FILMS) if on_road else (".png",)
         one_of(f"kind of picture of {self.world}", self.out.suffix, suffixes)
         if self.angle is not None:
             check_angle(self.angle)
         drawing()  # a missing library is told before an episode is driven
         if on_road:
-            self.road(road_named(self.world))
+            self.road(with_one_ego(written))
             return 0
         if self.driver:
             raise UserError(f"{self.world} has no --driver: use --angle")
@@ -75,7 +73,7 @@ class Render:
         write_atomically(self.out, png({"picture": figure})["picture"])
         return 0
 
-    def road(self, world: Intersection | SceneWorld) -> None:
+    def road(self, world: Any) -> None:
         """Draw the first state, an episode's decisions, or a film of all its sub-steps."""
         from socialiq.worlds.highway import render, sheet
 
@@ -125,7 +123,7 @@ class Page:
         with all_or_none(new_folder(self.out)):
             dial = None
             if self.dial:
-                refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Intersection())
+                refuse_misfit(str(self.dial), DialPolicy.load(self.dial), grammar.road_of())
                 dial = own_dial(self.dial)
             say(f"open {write_page(self.out, dial)}")
         return 0

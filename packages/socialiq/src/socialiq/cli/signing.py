@@ -1,4 +1,4 @@
-"""Signatures of files beside them, FILE.sig, in the format of OpenSSF Model Signing."""
+"""Signatures of files, FILE.sig in the same folder, in the format of OpenSSF Model Signing."""
 
 import os
 import tempfile
@@ -14,12 +14,20 @@ _LARGEST_KEY = 1 << 16  # bytes
 
 
 def path_of_signature(file: Path) -> Path:
-    """Return the path of a file's signature: beside it, with .sig at the end."""
+    """Return the path of a file's signature: in the same folder, with .sig at the end."""
     return file.with_name(f"{file.name}.sig")
 
 
 def sign_model(file: Path, key: Path) -> bytes:
-    """Return a P-256 key's signature of a file, in the format of OpenSSF Model Signing."""
+    """Return a P-256 key's signature of a file, in the format of OpenSSF Model Signing.
+
+    Args:
+        file: The file.
+        key: PEM file of the private key.
+
+    Raises:
+        UserError: If the extra `signing` isn't installed, or the key or the file can't be used.
+    """
     config = _library("signing").Config()
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / "signature"
@@ -36,7 +44,19 @@ def sign_model(file: Path, key: Path) -> bytes:
 
 
 def fault_of_model(file: Path, signed: Path, key: Path) -> str:
-    """Return why a signature is not of a file and a public key, or "" if it is."""
+    """Return why a signature does not belong to a file and a public key.
+
+    Args:
+        file: The file.
+        signed: File of the signature.
+        key: PEM file of the public key.
+
+    Returns:
+        One line; "" if the signature is valid.
+
+    Raises:
+        UserError: If the extra `signing` isn't installed, or the key can't be read.
+    """
     config = _library("verifying").Config()
     read_bytes(key, _LARGEST_KEY)  # the library reads a device to its end
     try:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from socialiq.cli.output import Printing, listed, print_json, print_table
+from socialiq.cli.output import Printing, Result, listed, print_json, print_table
 from socialiq.errors import UserError
 from socialiq.evaluation.classes import ClassGround
 from socialiq.evaluation.exact import evaluate_exactly, optimum_of
@@ -14,8 +14,9 @@ from socialiq.evaluation.prediction import Setting, lines_of, predictions, probl
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.social.angle import angle_of, check_angle, score, weights
 from socialiq.types import Row
-from socialiq.worlds.enumerate import expert_policy, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import expert_policy
 
 World = Annotated[str, tyro.conf.Positional]
 
@@ -34,8 +35,8 @@ class Solve(Printing):
     stationary: bool = False
     """Use value iteration at discount 0.99, independent of time, as in the thesis."""
 
-    def run(self) -> int:
-        """Solve, evaluate exactly, print."""
+    def result(self) -> Result:
+        """Solve and evaluate exactly."""
         angle = check_angle(self.angle)
         table = tabulate(make_grid(self.world))
         reachable = table.reachable_part()
@@ -46,7 +47,7 @@ class Solve(Printing):
             reward = score(weights(angle), reachable.mdp.rewards)
             best = horizon_optimum(reachable.mdp, reward, table.world.horizon)
             metrics = evaluate_exactly(reachable, best.probabilities(reachable.mdp.n_actions))
-        result = {
+        numbers = {
             "world": self.world,
             "angle": angle,
             "stationary": self.stationary,
@@ -60,7 +61,7 @@ class Solve(Printing):
             "states": table.mdp.n_states,
             "reachable_states": reachable.mdp.n_states,
         }
-        return self.show(result, listed(result))
+        return Result(numbers, listed(numbers))
 
 
 @dataclass(frozen=True)

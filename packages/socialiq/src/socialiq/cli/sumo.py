@@ -1,17 +1,21 @@
 """`world sumo`: a network of SUMO checked and described."""
 
+from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from socialiq.cli.drivers import Demand
 from socialiq.cli.output import Printing, listed, print_json, print_table
+from socialiq.worlds.sumo.isolated import episode_of, isolation_for
 from socialiq.worlds.sumo.network import CLASSES, read_network
-from socialiq.worlds.sumo.simulation import Episode, class_of
+from socialiq.worlds.sumo.simulation import class_of
 from socialiq.worlds.sumo.traffic import Scene, SumoOptions
 
 _MOST_WAYS = 50
+_MOST_NAMES = 8
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class WorldSumo(Printing):
         network = read_network(self.net)
         options = {"net": self.net, "start": self.start, "end": self.end, **self.traffic.options}
         scene = Scene(SumoOptions(**options))
-        played = Episode(scene, self.seed).without
+        played = episode_of(scene, self.seed).without
         entered = {kind: sum(class_of(name) == kind for name in played) for kind in CLASSES}
         junctions = [
             {
@@ -58,11 +62,14 @@ class WorldSumo(Printing):
         if self.json:
             result: dict[str, Any] = {"junctions": junctions, "ways": ways, "ego": scene.way}
             departing = {"demand": self.demanded(scene)} if scene.user_demand else {}
-            print_json(result | departing | {"entered": entered, "not_used": notes})
+            isolation = {"isolation": isolation_for(scene).kind}
+            print_json(result | departing | {"entered": entered, "not_used": notes} | isolation)
             return 0
         print_table(junctions)
         print_table(ways[:_MOST_WAYS], f"ways of an ego ({len(ways)}), here {' '.join(scene.way)}")
         print_table(listed(entered, "entered in 45 s"))
+        kind, why = isolation_for(scene)
+        print_table(listed({"isolation of SUMO": f"{kind} ({why})" if why else kind}))
         if scene.user_demand:
             print_table(listed(self.demanded(scene), f"in {self.traffic.demand}"))
         if notes:
@@ -87,4 +94,16 @@ class WorldSumo(Printing):
         }
         cars = [name for name, edge in network.edges.items() if "vehicle" not in edge.classes]
         closed = f"edges without a lane for cars: {', '.join(cars[:5])}"
-        return [note for note, holds in (notes | {closed: bool(cars)}).items() if holds]
+        unused = [note for note, holds in (notes | {closed: bool(cars)}).items() if holds]
+        for file, left_out in self.left_out(scene).items():
+            names = [f"{name} ({count})" for name, count in left_out.most_common(_MOST_NAMES)]
+            more = f" and {len(left_out) - len(names)} further kinds" * (len(left_out) > len(names))
+            unused.append(f"{file}: SUMO does not get {', '.join(names)}{more}")
+        return unused
+
+    def left_out(self, scene: Scene) -> dict[str, Counter[str]]:
+        """Return what SUMO doesn't get of each file, without files that it gets whole."""
+        counts = {scene.network.file.name: scene.network.left_out}
+        if scene.user_demand:
+            counts[Path(scene.options.demand).name] = scene.user_demand.left_out
+        return {file: left_out for file, left_out in counts.items() if left_out}

@@ -45,7 +45,8 @@ class Trust(Printing):
             check_output_folder(self.out)
         data = files.load(self.file, continuous=True)
         reference = None if self.reference is None else files.load(self.reference, continuous=True)
-        judged, world = consistency(data, reference), recompute(data)
+        judged = consistency(data, reference)
+        world = recompute(data)
         rows = _rows(data, judged, world.agrees if world.world else None)
         result: Row = {"file": str(self.file), "episodes": data.n_episodes}
         result |= {"flagged": int(judged.flagged.sum()), "false_alarms": FALSE_ALARMS}
@@ -80,7 +81,12 @@ def _rows(
 
 
 def trust_figure(rows: list[Row], judged: Consistency) -> Any:
-    """Draw each episode's largest residual of either label, with the limits."""
+    """Draw each episode's largest residual of either label, with the limits.
+
+    Args:
+        rows: A row for each episode: its number, its residuals, and whether it is flagged.
+        judged: Result of `consistency`, for its limits.
+    """
     figure = style.figure(9.0, 3.4)
     for axes, label, limit in zip(figure.subplots(1, 2), LABELS, judged.limit, strict=True):
         for flagged, color, name in ((False, "C0", "kept"), (True, "C3", "flagged")):

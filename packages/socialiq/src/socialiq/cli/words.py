@@ -1,6 +1,6 @@
 """Words of a command line: the checks that all options share, and mistyped words.
 
-The commands' own checks say what a value means; those here keep out what nothing could mean.
+The commands' own checks say what a value means; those here keep out values without any meaning.
 Unknown words are answered with the nearest that is known.
 """
 
@@ -103,7 +103,16 @@ def check_options(command: Any) -> None:
 
 
 def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:
-    """Refuse fields of a command that were given without the option that makes them useful."""
+    """Refuse fields of a command that were given without the option that makes them useful.
+
+    Args:
+        command: The command's object.
+        names: Names of the fields.
+        owner: The option that makes them useful, as the message names it.
+
+    Raises:
+        UserError: If one of the fields has another value than its default.
+    """
     defaults = {field.name: field.default for field in dataclasses.fields(command)}
     for name in names:
         if getattr(command, name) != defaults[name]:
@@ -114,9 +123,14 @@ def _values(options: Any) -> Iterator[tuple[str, int | float | None]]:
     """Yield the name and value of each number in the fields of a dataclass, and in those below."""
     for field in dataclasses.fields(options):
         value = getattr(options, field.name)
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        if field.default_factory is not dataclasses.MISSING:  # a group of options
             yield from _values(value)
-        if value == () and isinstance(field.default, tuple) and field.default:
+        if (
+            isinstance(value, tuple)
+            and not value
+            and isinstance(field.default, tuple)
+            and field.default
+        ):
             yield field.name, None
         for number in value if isinstance(value, tuple | list) else (value,):
             if isinstance(number, int | float) and not isinstance(number, bool):
@@ -133,6 +147,17 @@ def forwarded(words: Sequence[str]) -> list[str]:
     new = ["reproduce", f"compare-{words[1]}", *words[2:]]
     sys.stderr.write(f"socialiq: these words are now: socialiq {' '.join(new[:2])} ...\n")
     return new
+
+
+def say_old_world(world: Any) -> None:
+    """Say how a world is written now, if a command got a name of 0.3.0 that spells options."""
+    name = world.strip().partition(",")[0] if isinstance(world, str) else ""
+    if "-" not in name:  # before the worlds are imported, which takes a second
+        return
+    from socialiq.worlds.catalogue import OLD
+
+    if name in OLD:
+        sys.stderr.write(f"socialiq: {name} is now written {OLD[name]}\n")
 
 
 def unknown_command(words: Sequence[str]) -> UserError:
@@ -166,7 +191,13 @@ Complaint = Callable[[list[str]], str]
 
 
 def mistake(program: str, line: list[str], complaint: Complaint) -> UserError:
-    """Return a mistake of the parser in one line; `line` is what follows the program's name."""
+    """Return a mistake of the parser in one line.
+
+    Args:
+        program: Name of the program with the words of the command.
+        line: Words that follow it.
+        complaint: Returns the parser's boxed message of a command line.
+    """
     # The first row is the title. Without a box, as in an ASCII locale, a rule is below it.
     page = [row for row in complaint(line).splitlines()[1:] if row[:1] not in ("╰", "+")]
     rows = [_EDGE.sub(" ", row).rstrip() for row in page]
@@ -199,11 +230,12 @@ def mistake(program: str, line: list[str], complaint: Complaint) -> UserError:
 
 
 def _missing(program: str, line: list[str], rows: list[str], complaint: Complaint) -> UserError:
-    """Return the mistake of missing options, after the first of those that are there."""
+    """Return the mistake of missing options, after the first mistake of the given ones."""
     # The help text of an option is indented further than its name.
     names = [row.strip() for row in rows if re.match(r"    \S", row)]
     ending = f"{program} needs {' and '.join(names)}: add {'it' if len(names) == 1 else 'them'}"
-    first, last = [], []
+    first = []
+    last = []
     for name in names:
         option, _, kind = name.rpartition(" ")
         is_number = _KINDS.get(kind, "").endswith("number")
@@ -219,7 +251,13 @@ def _missing(program: str, line: list[str], rows: list[str], complaint: Complain
 
 
 def unknown_option(program: str, words: Sequence[str], options: Sequence[str]) -> UserError | None:
-    """Return the mistake of the first option that a command doesn't have, or None."""
+    """Return the mistake of the first option that a command doesn't have, or None.
+
+    Args:
+        program: Name of the program with the words of the command.
+        words: Words that follow it.
+        options: Options of the command, without dashes at the beginning.
+    """
     for word in words:
         name = word.removeprefix("--").partition("=")[0].replace("_", "-")
         if not word.startswith("--") or not name or name in (*options, "help"):
@@ -236,7 +274,15 @@ def unknown_option(program: str, words: Sequence[str], options: Sequence[str]) -
 
 
 def nearest_option(name: str, options: Sequence[str]) -> str | None:
-    """Return the option that is meant most likely; nested options have dots."""
+    """Return the option that is meant most likely.
+
+    Args:
+        name: Word of the user, without dashes at the beginning.
+        options: Options of the command; nested ones have dots.
+
+    Returns:
+        One of the options; None if none is similar.
+    """
     plain = {option.rpartition(".")[2]: option for option in reversed(options)}
     shortened = re.sub(r"^(n|num|nb|number-of|total)-", "", name)
     for word in (name, shortened):

@@ -30,9 +30,18 @@ class Bounds(NamedTuple):
 
     @staticmethod
     def of(low: Sequence[float], high: Sequence[float]) -> Bounds | None:
-        """Return checked bounds; None if neither end is given.
+        """Return checked bounds.
 
-        Both need as many finite numbers, each lower one below its upper one.
+        Args:
+            low: Lower end of each number.
+            high: Upper end of each number, as many as lower ends.
+
+        Returns:
+            The bounds; None if neither end is given.
+
+        Raises:
+            UserError: If the ends are not equally many finite numbers, or a lower one is not below
+                its upper one.
         """
         if not len(low) and not len(high):
             return None
@@ -63,7 +72,8 @@ class Bounds(NamedTuple):
                 f"actions have {actions.shape[1]} numbers and {len(self.low)} bounds: give one "
                 "lower and one upper bound, or one of each for every number"
             )
-        low, high = np.array(self.low), np.array(self.high)
+        low = np.array(self.low)
+        high = np.array(self.high)
         if (low == -1.0).all() and (high == 1.0).all():
             return actions  # to the bit
         unit = (actions - low) * (2.0 / (high - low)) - 1.0
@@ -123,7 +133,8 @@ def of_steps(
     """
     observed = features_of("observation", observation, flatten)
     arrays = _ends_of(len(observed), terminated, truncated, ending, episode)
-    number, pair = arrays["episode"], pair_of(reward, social)
+    number = arrays["episode"]
+    pair = pair_of(reward, social)
     modes = np.zeros(len(observed)) if mode is None else whole_of("mode", mode)
     arrays |= {
         "observation": observed,
@@ -208,7 +219,15 @@ def _next(
 
 
 def pair_of(reward: Any, social: str) -> RewardPair:
-    """Return the reward pair of (steps, 2), or of (steps,) if `social` says that r_social is 0."""
+    """Return the reward pair of each step.
+
+    Args:
+        reward: (r_env, r_social), (steps, 2); or (steps,) with `social`.
+        social: "none" if a reward of one number a step is r_env, and r_social is 0; else "".
+
+    Raises:
+        UserError: If the reward has another shape, or r_social is not known.
+    """
     one_of("social", social, SOCIAL)
     array = number_of("reward", reward).astype(np.float64)
     if array.ndim == 2 and array.shape[1] == 2:
@@ -226,7 +245,17 @@ def pair_of(reward: Any, social: str) -> RewardPair:
 
 
 def features_of(name: str, observation: Any, flatten: bool) -> Float32[np.ndarray, "row feature"]:
-    """Return observations as float32, one row for each; more axes need `flatten`."""
+    """Return observations as float32, one row for each.
+
+    Args:
+        name: Name of the array in messages.
+        observation: (steps, features), or (steps,) of one feature.
+        flatten: Whether observations of more axes are flattened to one.
+
+    Raises:
+        UserError: If it is not an array of numbers, is empty, or has more axes and `flatten` is
+            false.
+    """
     array = number_of(name, observation)
     if array.ndim == 1:
         array = array[:, None]
@@ -240,7 +269,15 @@ def features_of(name: str, observation: Any, flatten: bool) -> Float32[np.ndarra
 
 
 def whole_of(name: str, values: Any) -> Int32[np.ndarray, " row"]:
-    """Return a column of integers; `UserError` if it is anything else."""
+    """Return a column of integers.
+
+    Args:
+        name: Name of the column in messages; `ending` and `mode` must fit 8 bits.
+        values: (steps,) or (steps, 1).
+
+    Raises:
+        UserError: If the values are anything else, or too large.
+    """
     array = number_of(name, values)
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
@@ -255,7 +292,15 @@ def whole_of(name: str, values: Any) -> Int32[np.ndarray, " row"]:
 
 
 def number_of(name: str, values: Any) -> np.ndarray:
-    """Return an array of numbers; `UserError` if it is nested, ragged or of objects."""
+    """Return an array of numbers.
+
+    Args:
+        name: Name of the array in messages.
+        values: The numbers or booleans, with at least one axis.
+
+    Raises:
+        UserError: If the values are nested, ragged or objects.
+    """
     if isinstance(values, dict):
         raise UserError(f"{name} is a dict: pass one array, its parts side by side as features")
     try:
@@ -289,12 +334,18 @@ def plain_actions(values: Any) -> Shaped[np.ndarray, "row ..."]:
 def actions_of(
     values: Any, n_actions: int, bounds: Bounds | None
 ) -> Shaped[np.ndarray, "row ..."] | Float32[np.ndarray, "row size"]:
-    """Return the column of actions of a table: int32, or float32 vectors in [-1, 1].
+    """Return the column of actions of a table.
 
-    Continuous actions have an `n_actions` of 0, and `bounds` in their units, or None for -1 to 1.
+    Args:
+        values: Actions: integers, (steps,), or floats, (steps, size).
+        n_actions: Number of actions; 0 for continuous ones.
+        bounds: Ends of continuous actions in their units; None for -1 and 1.
+
+    Returns:
+        int32 (steps,), or float32 (steps, size) in [-1, 1].
 
     Raises:
-        UserError: If the values are of another kind, or an action is out of range.
+        UserError: If the values have another kind, or an action is out of its bounds.
     """
     actions = plain_actions(values)
     if n_actions and actions.ndim == 2:

@@ -37,7 +37,9 @@ class Reader:
     """An open file; a context manager. Every error message names the file."""
 
     def __init__(self, path: Path) -> None:
-        self._h5py, self._path, self._left = library(), path, MOST_NUMBERS
+        self._h5py = library()
+        self._path = path
+        self._left = MOST_NUMBERS
         check_file(path)
         with self._reading():
             self._file = self._h5py.File(path, "r")
@@ -118,7 +120,8 @@ NAMES = {
 }
 """D4RL's name of each column."""
 
-REWARD, PAIRS = "rewards", ("infos/reward_vector", "infos/reward_pair")
+REWARD = "rewards"
+PAIRS = "infos/reward_vector", "infos/reward_pair"
 """D4RL's reward, and what holds a pair of rewards beside it; the first of these is written."""
 
 MORE = ("ending", "mode", "episode", "step")
@@ -131,7 +134,7 @@ def read_d4rl(path: Path, key: str) -> tuple[dict[str, Any], bytes | None]:
     """Read the arrays of `arrays.of_steps` from a file in D4RL's layout.
 
     Returns:
-        The arrays by their names there, and the header at the attribute `key` or None.
+        The arrays by their names in the file, and the header at the attribute `key` or None.
     """
     with Reader(path) as reader:
         required = (*list(NAMES.values())[:3], REWARD)
@@ -154,11 +157,18 @@ def read_d4rl(path: Path, key: str) -> tuple[dict[str, Any], bytes | None]:
 
 
 def d4rl_of(table: Demonstrations, key: str, header: bytes) -> bytes:
-    """Return a table as a file in D4RL's layout, with a header at the attribute `key`.
+    """Return a table as a file in D4RL's layout, whose one reward is r_env.
 
-    Its one reward is r_env.
+    Args:
+        table: The table.
+        key: Name of the attribute with the header.
+        header: Bytes of the header.
+
+    Returns:
+        The bytes of the file, which also has the columns that D4RL's layout lacks.
     """
-    h5py, content = library("HDF5 files"), io.BytesIO()
+    h5py = library("HDF5 files")
+    content = io.BytesIO()
     columns = table.arrays()
     with h5py.File(content, "w") as file:
         for name, member in NAMES.items():

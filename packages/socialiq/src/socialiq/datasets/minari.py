@@ -2,7 +2,7 @@
 
 They are read without Minari, whose reader makes the environment of the metadata: that would import
 and call code that the metadata name. Here the metadata are read as JSON and the HDF5 file as
-numbers; offline training needs nothing else.
+numbers; offline training needs no more.
 
 Minari keeps one reward a step, so the pair is in `infos["reward_vector"]`, of one row more than
 there are steps, as all of Minari's `infos` have: row 0 belongs to the reset and is zeros. Other
@@ -27,7 +27,9 @@ from socialiq.outputs import whole_folder
 from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.storage import read_json
 
-MAIN_FILE, METADATA_FILE, DATA_FOLDER = "main_data.hdf5", "metadata.json", "data"
+MAIN_FILE = "main_data.hdf5"
+METADATA_FILE = "metadata.json"
+DATA_FOLDER = "data"
 PAIR_NAMES = ("reward_vector", "reward_pair")
 """Names of a reward pair in `infos`; the first is the one that is written."""
 
@@ -77,7 +79,8 @@ def read_minari(
         columns = _columns(reader, data, metadata, actions, social, flatten)
     ours = metadata.get(OURS)
     if not isinstance(ours, dict):
-        ours, bounds = None, _bounds(data, actions, bounds)
+        ours = None
+        bounds = _bounds(data, actions, bounds)
     source: Any = ours.get("source") if ours else None
     if not isinstance(source, dict):
         source = {"made_by": "minari", "of": one_line(str(metadata.get("dataset_id", "")))}
@@ -113,9 +116,12 @@ def _space(path: Path, metadata: dict[str, Any], name: str) -> _Space:
     try:
         space = json.loads(metadata[name])
         shape = tuple(int(size) for size in space.get("shape", ()))
-        start, size = space.get("start", 0), space.get("n", 0)
+        start = space.get("start", 0)
+        size = space.get("n", 0)
         if type(start) is not int or type(size) is not int:
-            start, size = 0, 0  # for instance of a MultiBinary, which is refused by its type
+            # A MultiBinary, for instance, which is refused by its type.
+            start = 0
+            size = 0
         image = space.get("dtype") == "uint8" and len(shape) in (2, 3) and min(shape[:2]) >= 32
         ends = space.get("low"), space.get("high")
         return _Space(str(space["type"]), shape, image, start, size, ends)
@@ -158,12 +164,14 @@ def _columns(
         raise UserError(f"{path} keeps images as JPEG: record it with jpeg_encoding=False")
     if len(space.shape) > 1 and not flatten:
         raise UserError(f"{path} has observations of shape {space.shape}: flatten them (flatten)")
-    size, expected = reader.size(), metadata["total_episodes"]
+    size = reader.size()
+    expected = metadata["total_episodes"]
     if size != expected or size < 1:
         raise UserError(
             f"{path} holds {size} episodes, but its metadata say {expected}: record it again"
         )
-    tables, pairs = [], 0
+    tables = []
+    pairs = 0
     for number in range(size):
         arrays = _of_episode(reader, f"episode_{number}", path, space, actions)
         moments = features_of("observations", arrays["observations"], flatten=True)
@@ -198,7 +206,8 @@ def _of_episode(
         if reader.has(f"{group}/infos/{name}"):
             infos["pair"] = f"{group}/infos/{name}"
     arrays |= {key: reader.array(name) for key, name in infos.items() if reader.has(name)}
-    steps, vector = arrays["actions"].shape[0], () if actions.size else actions.shape
+    steps = arrays["actions"].shape[0]
+    vector = () if actions.size else actions.shape
     shapes = dict.fromkeys(names, (steps,)) | {"actions": (steps, *vector)}
     shapes |= {"observations": (steps + 1, *space.shape)}
     shapes |= {"ending": (steps + 1,), "mode": (steps + 1,), "pair": (steps + 1, 2)}
@@ -217,7 +226,7 @@ def write_minari(
     """Write a table as a Minari data set, whole or not at all.
 
     `minari.MinariDataset(folder / "data")` reads it. Where the folder is `ROOT/ID`, so does
-    `minari.load_dataset(ID)` with MINARI_DATASETS_PATH=ROOT; nothing is written anywhere else.
+    `minari.load_dataset(ID)` with MINARI_DATASETS_PATH=ROOT; no file is written anywhere else.
 
     Args:
         demonstrations: The table, of whole steps.
@@ -229,10 +238,12 @@ def write_minari(
         The folder that `minari.MinariDataset` reads.
     """
     check_angle(angle)
-    table, start = demonstrations, demonstrations.episode_starts
+    table = demonstrations
+    start = demonstrations.episode_starts
     skips = table.step != np.arange(table.n_transitions) - np.repeat(start, table.episode_lengths)
     inner = np.flatnonzero(np.diff(table.episode) == 0)
-    after, following = table.next_observation[inner], table.observation[inner + 1]
+    after = table.next_observation[inner]
+    following = table.observation[inner + 1]
     skips[inner + 1] |= (after.view(np.uint32) != following.view(np.uint32)).any(axis=1)
     if skips.any():  # Minari keeps T + 1 observations for T steps
         raise UserError(

@@ -48,7 +48,7 @@ def read_steps(
         path: The file; its ending names the format.
         n_actions: Number of actions of the world; 0 where the file has a header with it, and for
             continuous actions.
-        bounds: Ends of continuous actions in the file's units, as of `arrays.of_steps`.
+        bounds: Ends of continuous actions in the file's units, as in `arrays.of_steps`.
         mode_names: Names of the demonstrators that `mode` numbers; by default the header's, or one.
         social: "none" if a reward of one number a step is r_env, and r_social is 0.
         flatten: Whether observations of more axes (images) are flattened to one; .npz only.
@@ -86,6 +86,14 @@ def write_steps(path: str | Path, table: Demonstrations, replace: bool = True) -
 
     A CSV file has no place for the names of the modes, the number of actions and the source; the
     other formats keep them.
+
+    Args:
+        path: The file; its ending, one of `FORMATS`, names the format.
+        table: The table.
+        replace: Whether an existing file may be replaced.
+
+    Raises:
+        UserError: If the ending is unknown, or the file can't be written.
     """
     path = path_of(path)
     kind = format_of(path)
@@ -130,7 +138,8 @@ def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
     if kind == ".hdf5":
         return read_d4rl(path, HEADER)
     if kind == ".csv":
-        columns, header = step_tables.read_csv(path), None
+        columns = step_tables.read_csv(path)
+        header = None
     else:
         columns, header = step_tables.read_parquet(path, HEADER)
     arrays = step_tables.STEPS.arrays_of(columns, str(path))
@@ -186,11 +195,20 @@ _FAULTS = (
 
 
 def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Read arrays of numbers in an archive of NumPy, of unknown origin; nothing is unpickled.
+    """Read arrays of numbers in an archive of NumPy, of unknown origin, without unpickling.
 
     The header of a member is checked against its size before memory is allocated: NumPy itself
-    would allocate an array of any shape that the header claims. Members of other names than the
-    given ones are never opened.
+    would allocate an array of any shape that the header claims.
+
+    Args:
+        path: The archive.
+        names: Names of the arrays to read; members of other names are never opened.
+
+    Returns:
+        The arrays by name. A name that the archive lacks is left out.
+
+    Raises:
+        UserError: If the archive is damaged or too large, or an array does not hold numbers.
     """
     try:
         with open_file(path) as file, zipfile.ZipFile(file) as archive:

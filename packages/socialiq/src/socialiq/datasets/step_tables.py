@@ -4,9 +4,9 @@ One row for each step, one column for each number: a vector takes one column for
 `observation_0`, `observation_1`, ... (docs/files.md).
 
 In CSV numbers are written so that they are read back to the bit. Of Parquet only columns of plain
-numbers are read. Their types are checked before any of them is read, and nothing is unpickled:
-pyarrow has made no extension type from a file's pickle since 14.0.1 (CVE-2023-47248). pyarrow's own
-C++ code parses the file.
+numbers are read. Their types are checked before any of them is read, without unpickling: pyarrow
+has made no extension type from a file's pickle since 14.0.1 (CVE-2023-47248). pyarrow's own C++
+code parses the file.
 """
 
 import csv
@@ -47,7 +47,15 @@ class Layout(NamedTuple):
         return "integer" if name == self.action else self.scalars.get(name)
 
     def check_names(self, names: Sequence[str], source: str) -> None:
-        """Refuse the columns of a file, `source`, that are unknown, missing or there twice."""
+        """Refuse columns of a file that are unknown, missing or given twice.
+
+        Args:
+            names: Names of the columns.
+            source: Name of the file in messages.
+
+        Raises:
+            UserError: The line names the column and the remedy.
+        """
         for name in names:
             if self.kind_of(name) is None:
                 vectors = (f"{vector}_0, ..." for vector in (*self.vectors, self.action))
@@ -95,8 +103,17 @@ class Layout(NamedTuple):
     def arrays_of(self, columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.ndarray]:
         """Return arrays by name, with vectors and the reward pair in one array each.
 
-        The columns of the file `source` are one-dimensional. A wrong header is refused, and a
-        number that is not finite, with its column and row.
+        Args:
+            columns: One-dimensional columns by name.
+            source: Name of the file in messages.
+
+        Returns:
+            Arrays by the names of the layout: vectors (rows, size), the reward (rows, 2), or
+            (rows,) if the file has one number a step.
+
+        Raises:
+            UserError: If a column is unknown, missing or given twice, or a number is not finite;
+                the line names the column and the row.
         """
         self.check_names(list(columns), source)
         for name, column in columns.items():
@@ -267,7 +284,8 @@ def read_parquet(
     with open_file(path) as file:
         try:
             opened = parquet.ParquetFile(file)
-            schema, size = opened.schema_arrow, opened.metadata.num_rows
+            schema = opened.schema_arrow
+            size = opened.metadata.num_rows
             layout.check_names(schema.names, str(path))
             if size * len(schema.names) > MOST_NUMBERS:
                 raise UserError(f"{path} claims more than {MOST_NUMBERS:,} numbers: split it")
@@ -300,7 +318,16 @@ def read_parquet(
 
 
 def parquet_of(columns: Mapping[str, np.ndarray], key: str, entry: bytes) -> bytes:
-    """Return columns of equal length as the bytes of a Parquet file with one metadata entry."""
+    """Return columns as the bytes of a Parquet file.
+
+    Args:
+        columns: Columns of equal length, by name.
+        key: Name of the metadata entry.
+        entry: Bytes of the metadata entry.
+
+    Raises:
+        UserError: If the extra `parquet` is not installed.
+    """
     parquet = optional(*_LIBRARY)
     import pyarrow  # pyright: ignore[reportMissingImports]
 

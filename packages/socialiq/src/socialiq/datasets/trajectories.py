@@ -92,7 +92,8 @@ def read_trajectories(path: Path, *, mode: str = "demonstrator", **options: Any)
     Raises:
         UserError: If the file is missing or damaged, or an array or column is missing or wrong.
     """
-    kind, source = format_of(path), source_of(path) if path.is_file() else {}
+    kind = format_of(path)
+    source = source_of(path) if path.is_file() else {}
     if kind == ".npz":
         content = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
     else:
@@ -125,7 +126,8 @@ ROWS = Layout(
 
 def _by_trajectory(rows: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """Return the trajectories of a table, whose rows must follow each other."""
-    number, terminal = rows["trajectory"], rows["terminal"]
+    number = rows["trajectory"]
+    terminal = rows["terminal"]
     cuts = np.flatnonzero(np.diff(number)) + 1
     if len(np.unique(number)) != len(cuts) + 1:
         raise UserError("the rows of a trajectory are not adjacent: sort by trajectory")
@@ -162,8 +164,10 @@ def condensed(arrays: Mapping[str, Any]) -> list[dict[str, Any]]:
     missing = [name for name in ("obs", "acts", "terminal", "indices") if name not in arrays]
     if missing:
         raise UserError(f"no {', '.join(missing)}: save obs, acts, terminal and indices")
-    terminal, acts = np.asarray(arrays["terminal"]), np.asarray(arrays["acts"])
-    obs, rews = np.asarray(arrays["obs"]), arrays.get("rews")
+    terminal = np.asarray(arrays["terminal"])
+    acts = np.asarray(arrays["acts"])
+    obs = np.asarray(arrays["obs"])
+    rews = arrays.get("rews")
     cuts = np.asarray(arrays["indices"])
     fits = cuts.ndim == 1 and terminal.ndim == 1 and min(acts.ndim, obs.ndim) > 0
     fits = fits and (cuts.dtype.kind in "iu" or not len(cuts)) and len(cuts) == len(terminal) - 1

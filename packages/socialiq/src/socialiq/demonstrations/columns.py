@@ -73,7 +73,16 @@ def check(columns: Mapping[str, Any], n_actions: Any, mode_names: Any) -> None:
 def check_layout(
     columns: Mapping[str, Any], layout: Mapping[str, tuple[type[np.generic], int]], what: str
 ) -> None:
-    """Refuse columns of other types, axes or lengths than a layout's, a row per `what`."""
+    """Refuse columns of other types, axes or lengths than a layout's.
+
+    Args:
+        columns: Columns by name.
+        layout: Type and number of axes of each column, by name.
+        what: Name of a row in messages.
+
+    Raises:
+        UserError: The line names the column and the remedy.
+    """
     first = "action" if "action" in layout else next(iter(layout))
     for name, (dtype, axes) in layout.items():
         column = columns[name]
@@ -107,7 +116,9 @@ def _faults(
         if column.dtype.kind == "f":
             bad = ~np.isfinite(column).reshape(len(column), -1).all(axis=1)
             yield name, bad, "not finite: leave out the episode, or correct its recording"
-    action, mode, episode = columns["action"], columns["mode"], columns["episode"]
+    action = columns["action"]
+    mode = columns["mode"]
+    episode = columns["episode"]
     if action.ndim == 2:
         if action.shape[1] == 0:
             raise UserError(
@@ -133,7 +144,8 @@ def _faults(
     yield "ending", wrong, "must be 0 NONE exactly where neither terminated nor truncated"
     wrong = (ending == Ending.TIMEOUT) != (truncated & ~terminated)
     yield "ending", wrong, "must be 3 TIMEOUT exactly where truncated and not terminated"
-    within, step = advance == 0, columns["step"]
+    within = advance == 0
+    step = columns["step"]
     ended_before = np.concatenate([[False], ending[:-1] != Ending.NONE])
     problem = "follows an end inside its episode: begin a new episode there"
     yield "episode", within & ended_before, problem

@@ -31,7 +31,7 @@ own return would cancel it."""
 
 # Compared by identity: the generated comparison of arrays would raise. Two tables hold the same
 # content if `files.save` returns the same hash for both.
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Demonstrations:
     """A checked table of transitions, the rows of each episode adjacent and in order.
 
@@ -60,6 +60,9 @@ class Demonstrations:
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        return f"Demonstrations({self.summary()})"
 
     def __post_init__(self) -> None:
         """Check every column, and detach `source` from the caller's dict."""
@@ -94,7 +97,8 @@ class Demonstrations:
         Raises:
             UserError: If a column is wrong; the line names it and its first bad row.
         """
-        kinds, number = np.asarray(ending, np.int8), np.asarray(episode, np.int32)
+        kinds = np.asarray(ending, np.int8)
+        number = np.asarray(episode, np.int32)
         terminated, truncated = columns.flags_of(kinds)
         return Demonstrations(
             observation=np.asarray(observation, np.float32),
@@ -119,7 +123,17 @@ class Demonstrations:
         n_actions: int,
         source: dict[str, Any],
     ) -> Demonstrations:
-        """Build a table from all of its named arrays, the inverse of `arrays()`."""
+        """Build a table from all of its named arrays, the inverse of `arrays()`.
+
+        Args:
+            arrays: All columns of `columns.LAYOUT` by name.
+            mode_names: Names of the demonstrators.
+            n_actions: Number of actions; 0 for continuous ones.
+            source: Provenance of the data.
+
+        Raises:
+            UserError: If a column is missing, unknown or wrong.
+        """
         missing = [name for name in columns.LAYOUT if name not in arrays]
         unknown = [name for name in arrays if name not in columns.LAYOUT]
         if missing or unknown:
@@ -194,7 +208,8 @@ class Demonstrations:
             env, social = (cumulative(kind, r, self.episode, discount) for r in self.rewards)
             return RewardPair(env, social)
         # Cached: a learner needs them twice, and a fit takes long.
-        cached, key = _ADVANTAGES.setdefault(self, {}), (kind, discount)
+        cached = _ADVANTAGES.setdefault(self, {})
+        key = kind, discount
         if key not in cached:
             to_go = self.returns("to_go", discount)
             if kind == "advantage_fitted":
@@ -234,6 +249,10 @@ class Demonstrations:
     def subsample(self, every: int, offset: int = 0) -> Demonstrations:
         """Keep rows offset, offset + every, ... of each episode, as imitation benchmarks do.
 
+        Args:
+            every: Distance of the kept rows.
+            offset: First kept row of each episode, from 0.
+
         Raises:
             UserError: If `every` < 1, `offset` < 0, or an episode would lose all its rows.
         """
@@ -260,11 +279,18 @@ class Demonstrations:
         )
 
     def one_of_each_block(self, size: int, seed: int) -> Demonstrations:
-        """Keep one random row from each block of `size` >= 1 rows of an episode.
+        """Keep one random row from each block of rows of an episode.
 
         Rows at a fixed stride see a periodic demonstrator in few of its phases; random rows see
-        all. The row that ends an episode in a terminal state is kept beside them, since learners
-        that treat endings by how often they occur would else be misled.
+        all. The row that ends an episode in a terminal state is kept as well, since learners that
+        treat endings by how often they occur would else be misled.
+
+        Args:
+            size: Rows of a block, at least 1.
+            seed: Seed of the draw.
+
+        Raises:
+            UserError: If the size is below 1.
         """
         if size < 1:
             raise UserError(f"cannot keep one row of each {size}: use a block of 1 or more rows")

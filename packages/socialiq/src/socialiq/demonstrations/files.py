@@ -19,13 +19,15 @@ def save(path: str | Path, demonstrations: Demonstrations, replace: bool = True)
     Returns:
         The SHA-256 of the content, the same for every table of the same content.
     """
-    arrays, header = demonstrations.arrays(), header_of(demonstrations)
+    arrays = demonstrations.arrays()
+    header = header_of(demonstrations)
     return storage.save_arrays(path, KIND, _version(demonstrations), arrays, header, replace)
 
 
 def sha256_of(demonstrations: Demonstrations) -> str:
     """Return the SHA-256 of a table's content, as `save` does."""
-    arrays, header = demonstrations.arrays(), header_of(demonstrations)
+    arrays = demonstrations.arrays()
+    header = header_of(demonstrations)
     return storage.sha256_of(KIND, _version(demonstrations), arrays, header)
 
 
@@ -45,7 +47,13 @@ def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
 def load(path: str | Path, continuous: bool = False) -> Demonstrations:
     """Read a table, checking the file's bytes and then every column.
 
-    Tables with continuous actions are read if `continuous`; an error names the file.
+    Args:
+        path: The file.
+        continuous: Whether tables with continuous actions are read too.
+
+    Raises:
+        UserError: If the file is missing or damaged, has continuous actions that are not asked for,
+            or a column is wrong; the line names the file.
     """
     arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, CONTINUOUS_VERSION))
     if header["version"] == CONTINUOUS_VERSION and not continuous:

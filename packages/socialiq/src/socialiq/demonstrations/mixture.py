@@ -27,7 +27,16 @@ Pools = Mapping[str, Demonstrations]
 
 
 def equal_trajectories(pools: Pools, episodes_each: int, seed: int) -> Demonstrations:
-    """Mix the same number of episodes of every mode (thesis 5.2)."""
+    """Mix the same number of episodes of every mode (thesis 5.2).
+
+    Args:
+        pools: Demonstrations by mode.
+        episodes_each: Episodes of each mode.
+        seed: Seed of the draw.
+
+    Raises:
+        UserError: If a pool is too small or holds another mode, or a number is out of range.
+    """
     _at_least_one("episodes_each", episodes_each)
     recipe = {"made_by": "equal_trajectories", "episodes_each": episodes_each, "seed": seed}
     return _draw(pools, dict.fromkeys(pools, episodes_each), seed, recipe)
@@ -38,6 +47,14 @@ def equal_transitions(pools: Pools, transitions_each: int, seed: int) -> Demonst
 
     A mode's episodes are taken until its number of transitions is as close as it gets, so it is
     off by at most half of the episode at the boundary, and by less than one episode's length.
+
+    Args:
+        pools: Demonstrations by mode.
+        transitions_each: Transitions of each mode.
+        seed: Seed of the draw.
+
+    Raises:
+        UserError: If a pool is too small or holds another mode, or a number is out of range.
     """
     _at_least_one("transitions_each", transitions_each)
     counts = {}
@@ -56,7 +73,17 @@ def equal_transitions(pools: Pools, transitions_each: int, seed: int) -> Demonst
 def weighted(
     pools: Pools, weights: Mapping[str, float], episodes: int, seed: int
 ) -> Demonstrations:
-    """Mix a number of episodes, in all, in which each mode has its share by its weight."""
+    """Mix a number of episodes, in all, in which each mode has its share by its weight.
+
+    Args:
+        pools: Demonstrations by mode.
+        weights: Weight of each mode, not negative; a share is a weight divided by their sum.
+        episodes: Number of episodes in all.
+        seed: Seed of the draw.
+
+    Raises:
+        UserError: If the weights do not fit the pools, or a pool is too small.
+    """
     if set(weights) != set(pools):
         raise UserError(
             f"weights name {', '.join(weights)} where the pools are {', '.join(pools)}: "
@@ -70,7 +97,20 @@ def weighted(
 def contaminated(
     pools: Pools, base: str, contaminant: str, share: float, episodes: int, seed: int
 ) -> Demonstrations:
-    """Mix a mode with a share of another, in [0, 1]: the malicious case of thesis 1 and 8.3."""
+    """Mix a mode with a share of another, in [0, 1]: the malicious case of thesis 1 and 8.3.
+
+    Args:
+        pools: Demonstrations by mode.
+        base: The mode.
+        contaminant: The mode that contaminates it.
+        share: Share of the contaminant's episodes, in [0, 1].
+        episodes: Number of episodes in all.
+        seed: Seed of the draw.
+
+    Raises:
+        UserError: If a mode has no pool, both are the same, the share is out of range, or a pool is
+            too small.
+    """
     one_of("mode", base, list(pools))
     one_of("mode", contaminant, list(pools))
     if base == contaminant:
@@ -127,6 +167,16 @@ def apportion(weights: Mapping[str, float], total: int) -> dict[str, int]:
 
     Each count is its exact share rounded down or up, and the counts sum to `total`. Of equal
     remainders the earlier name is rounded up.
+
+    Args:
+        weights: Weights by name, finite and not negative.
+        total: The number to divide, at least 1.
+
+    Returns:
+        Counts by name.
+
+    Raises:
+        UserError: If the total is below 1, or the weights are invalid or all 0.
     """
     _at_least_one("episodes", total)
     values = np.array(list(weights.values()), np.float64)

@@ -18,11 +18,16 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending
 
-FOLDS, BINS, LEAST = 5, 16, 5  # LEAST: rows on either side of a split
-TREES, DEPTH, RATE = 60, 3, 0.3
+FOLDS = 5
+BINS = 16
+LEAST = 5  # rows on either side of a split
+TREES = 60
+DEPTH = 3
+RATE = 0.3
 FALSE_ALARMS = 0.05
 """Share of honest episodes that may be flagged."""
-FACTOR, PART = 3.0, 0.6
+FACTOR = 3.0
+PART = 0.6
 """Without a reference the limit is so many times the score of so large a part of the episodes: most
 must be honest. Chosen in simulation for `FALSE_ALARMS` (docs/trust.md)."""
 
@@ -34,7 +39,7 @@ class Consistency(NamedTuple):
         residual: Largest residual of each episode's r_env and r_social.
         limit: Of either label; beyond it an episode is flagged.
         flagged: Episodes beyond a limit.
-        expected: r_env and r_social of each row by the other episodes.
+        expected: r_env and r_social of each row by all other episodes.
     """
 
     residual: Float[np.ndarray, "episode 2"]
@@ -50,7 +55,7 @@ def consistency(data: Demonstrations, reference: Demonstrations | None = None) -
     honest episodes like those of the reference are flagged, however many others are forged.
 
     Raises:
-        UserError: If there is one episode only, or the tables are of different worlds.
+        UserError: If there is one episode only, or the tables come from different worlds.
     """
     base = data if reference is None else reference
     folds = min(FOLDS, base.n_episodes)
@@ -60,7 +65,8 @@ def consistency(data: Demonstrations, reference: Demonstrations | None = None) -
     if len(shapes) > 1:
         raise UserError("the reference has other observations or actions: record the same world")
     tables = [base] if reference is None else [base, data]
-    codes, count = np.concatenate([_codes(table, base) for table in tables]), base.n_transitions
+    codes = np.concatenate([_codes(table, base) for table in tables])
+    count = base.n_transitions
     fold = np.full(len(codes), -1)  # of rows that are judged only
     fold[:count] = (np.random.default_rng(0).permutation(base.n_episodes) % folds)[base.episode]
     expected = np.zeros((len(codes), 2))
@@ -105,7 +111,8 @@ def _features(data: Demonstrations) -> Float[np.ndarray, "row feature"]:
     """Return observations before, after, their change, the action and the kind of ending."""
     action = data.action.reshape(data.n_transitions, -1)
     ending = np.eye(len(Ending))[data.ending]
-    before, after = data.observation, data.next_observation
+    before = data.observation
+    after = data.next_observation
     return np.column_stack([before, after, after - before, action, ending])
 
 
@@ -142,7 +149,8 @@ def _splits(
     votes = np.bincount(cell, np.repeat(sign, features), leaves * features * BINS)
     count = np.bincount(cell, minlength=leaves * features * BINS)
     below, size = (array.reshape(shape).cumsum(axis=2) for array in (votes, count))
-    total, rest = below[:, :, -1:], size[:, :, -1:] - size
+    total = below[:, :, -1:]
+    rest = size[:, :, -1:] - size
     gain = below**2 / np.maximum(size, 1) + (total - below) ** 2 / np.maximum(rest, 1)
     gain = np.where((size >= LEAST) & (rest >= LEAST), gain, -1.0).reshape(leaves, -1)
     best = gain.argmax(axis=1)

@@ -11,9 +11,16 @@ def with_absorbing_states(data: Demonstrations, stay: int = 1) -> Demonstrations
     """Return the same episodes, with terminal states as absorbing ones (Kostrikov et al. 2019).
 
     As `worlds.wrapper.AbsorbingStates` would have given them: observations get a last number, 1 in
-    the absorbing state, where the others are 0. A transition into a terminal state leads there, and
-    `stay` rows in which it is not left follow, with the action before, no reward, and a timeout at
+    the absorbing state, where all other numbers are 0. A transition into a terminal state leads to
+    it. Rows in which it is not left follow, with the action before, no reward, and a timeout at
     their end.
+
+    Args:
+        data: The episodes.
+        stay: Number of these rows, at least 1.
+
+    Raises:
+        UserError: If `stay` is below 1.
     """
     if stay < 1:
         raise UserError(f"stay must be at least 1, got {stay}")
@@ -26,7 +33,8 @@ def with_absorbing_states(data: Demonstrations, stay: int = 1) -> Demonstrations
     absorbed = np.append(np.zeros(data.n_features), 1.0)
     before = np.column_stack([data.observation, np.zeros(data.n_transitions)])[rows]
     after = np.column_stack([data.next_observation, np.zeros(data.n_transitions)])[rows]
-    before[copied], after[data.terminated[rows]] = absorbed, absorbed
+    before[copied] = absorbed
+    after[data.terminated[rows]] = absorbed
     ending = np.where(data.terminated[rows], int(Ending.NONE), data.ending[rows])
     ending[last] = int(Ending.TIMEOUT)
     pairs = (np.where(copied, 0.0, column[rows]) for column in data.rewards)

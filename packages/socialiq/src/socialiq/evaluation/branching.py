@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
-from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.measures import Episodes
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Act, ByClass, Ending, Memoryless, Policy, RewardPair
 from socialiq.worlds import world
-from socialiq.worlds.highway.world import RoadBatch, State
+from socialiq.worlds.highway.batch import RoadBatch, State
+from socialiq.worlds.highway.options import EgoOptions
+from socialiq.worlds.highway.scene_batch import Batch
 from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 
 def rollouts(
@@ -29,10 +32,17 @@ def rollouts(
 ) -> Iterator[tuple[Bool[np.ndarray, " copy"], Any]]:
     """Take a first action in each running copy, then follow a policy to the end of its episode.
 
-    `follow` returns the next actions of the copies with given numbers. Yields the copies that took
-    each decision, and its results.
+    Args:
+        copies: Episodes that are driven on.
+        first: First action of each copy.
+        running: Copies that decide; the rest stay as they are.
+        follow: Function that returns the next actions of the copies with given numbers.
+
+    Yields:
+        The copies that took each decision, and its results, for all copies.
     """
-    action, deciding = first.copy(), running.copy()
+    action = first.copy()
+    deciding = running.copy()
     while deciding.any():
         decisions = copies.step(action, auto_reset=False, rows=deciding)
         yield deciding, decisions
@@ -59,7 +69,8 @@ def branched_returns(
         clock: Whether it observes the time.
         angles: Of each episode in degrees, if the policy observes it; or a row of two angles.
     """
-    size, count = batch.size, len(ACTIONS)
+    size = batch.size
+    count = len(ACTIONS)
     now = batch.save()
     copies = batch.branch(np.repeat(np.arange(size), count))
     same = equivalent_actions(now, batch.options)
@@ -88,7 +99,7 @@ def branched_fleet_returns(
     angles: Float[np.ndarray, "batch agent"],
     chosen: Int64[np.ndarray, " batch"],
 ) -> RewardPair:
-    """Return for each action of one agent of a fleet its own sum of r_env, and that of the others.
+    """Return for each action of one agent of a fleet its sum of r_env, and that of its partners.
 
     Each is (batch, actions). All agents follow the policy at their angles after that. The sums run
     until the whole fleet has ended, so they hold what the action does to others after the agent's
@@ -101,15 +112,21 @@ def branched_fleet_returns(
         angles: Of each agent in degrees.
         chosen: Number of the agent that takes each action.
     """
-    size, count = batch.size, batch.n_actions
+    size = batch.size
+    count = batch.n_actions
     copies = batch.branch(np.repeat(np.arange(size), count))
-    turned, rows = np.repeat(angles, count, axis=0), np.arange(size * count)
-    action, agent = np.zeros(copies.shape, np.int64), np.repeat(chosen, count)
-    total, driving, is_first = np.zeros(copies.shape), copies.driving, True
+    turned = np.repeat(angles, count, axis=0)
+    rows = np.arange(size * count)
+    action = np.zeros(copies.shape, np.int64)
+    agent = np.repeat(chosen, count)
+    total = np.zeros(copies.shape)
+    driving = copies.driving
+    is_first = True
     while driving.any():
         action[driving] = follow(observed_by_agents(copies, clock, turned)[driving.ravel()])
         if is_first:
-            action[rows, agent], is_first = np.tile(np.arange(count), size), False
+            action[rows, agent] = np.tile(np.arange(count), size)
+            is_first = False
         decisions = copies.step(action, auto_reset=False, rows=driving.any(axis=1))
         total += np.where(driving, decisions.rewards.env, 0.0)
         driving = copies.driving
@@ -121,27 +138,49 @@ def branched_fleet_returns(
 def observed_by_agents(
     batch: RoadBatch, clock: bool, angles: Float[np.ndarray, "batch agent"]
 ) -> Float32[np.ndarray, "row feature"]:
-    """Return the observations of all agents in rows, as `observed`."""
+    """Return the observations of all agents in rows, as `observed`.
+
+    Args:
+        batch: Fleets, on the core.
+        clock: Whether the time follows the observation.
+        angles: Angle of each agent in degrees, the last feature.
+
+    Returns:
+        Rows by episode and agent, the agents of the first episode first.
+    """
     columns = [batch.observation.reshape(angles.size, -1)]
-    columns += [np.repeat(batch.time, angles.shape[1])] if clock else []
+    columns += [batch.clocks] if clock else []
     return np.column_stack([*columns, angles.ravel().astype(np.float32)])
 
 
 def observed(
     batch: RoadBatch, clock: bool, angles: Float[np.ndarray, "batch ..."] | None = None
 ) -> Float32[np.ndarray, "batch feature"]:
-    """Return the present observations, followed by the time with a clock, and by the angles."""
+    """Return the present observations, followed by the time with a clock, and by the angles.
+
+    Args:
+        batch: Episodes, on the core.
+        clock: Whether the time follows the observation, in decisions since the reset.
+        angles: Of each episode in degrees, or a row of two angles; None for no angle.
+    """
     columns = [batch.observation]
     columns += [batch.time] if clock else []
     columns += [] if angles is None else [angles.astype(np.float32)]
     return np.column_stack(columns) if len(columns) > 1 else batch.observation
 
 
-def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "batch action"]:
+def equivalent_actions(state: State, options: EgoOptions) -> Int64[np.ndarray, "batch action"]:
     """Return for each action the first of those that select the same target speed.
 
     SLOWER and FASTER select the speeds below and above the one nearest to the present speed, IDLE
-    keeps the target speed (`core.traffic.choose`); the lowest speed has none below.
+    keeps the target speed (`core.drivers.choose`); the lowest speed has none below.
+
+    Args:
+        state: State of the episodes, as `Batch.save` returns it.
+        options: Options of their world, with its target speeds.
+
+    Returns:
+        Number of an action for each episode and action.
     """
     ego = state.vehicles[np.arange(len(state.episodes)), state.episodes["controlled"][:, 0]]
     speeds = np.array(options.target_speeds)
@@ -165,11 +204,20 @@ class OracleLookahead(Memoryless):
     """
 
     def __init__(self, policy: Policy, batch: Batch, angle: float) -> None:
-        self._policy, self._batch, self._weights = policy, batch, exact_weights(angle)
+        self._policy = policy
+        self._batch = batch
+        self._weights = exact_weights(angle)
         self._clock = getattr(policy, "n_features", None) == batch.observation.shape[1] + 1
 
     def choose(self, _observation: Any, _deterministic: bool, /) -> Int64[np.ndarray, " batch"]:
-        """Choose the action of each episode with the best known end."""
+        """Choose the action of each episode with the best known end.
+
+        The arguments are those of `types.Memoryless.choose`. They are not used, since the state of
+        the batch is read.
+
+        Returns:
+            Number of an action for each episode of the batch.
+        """
         return self.totals().argmax(axis=1)
 
     def totals(self) -> Float[np.ndarray, "batch action"]:
@@ -184,6 +232,14 @@ class OracleLookahead(Memoryless):
 def with_oracle_lookahead(
     options: Options, policy: Policy, seeds: np.ndarray, angle: float, size: int = 256
 ) -> Episodes:
-    """Run seeded episodes of a policy with `OracleLookahead`, so many side by side."""
-    batch = Batch(options, min(size, len(seeds)))
+    """Run seeded episodes of a policy with `OracleLookahead`.
+
+    Args:
+        options: Options of the intersection.
+        policy: Policy that is improved.
+        seeds: Seed of each episode.
+        angle: Angle at which totals are scored, degrees.
+        size: Largest number of episodes side by side.
+    """
+    batch = Intersection(options).batch(min(size, len(seeds)))
     return episodes_of(batch, OracleLookahead(policy, batch, angle), seeds)

@@ -32,7 +32,8 @@ class ClassGround:
     """
 
     def __init__(self, table: Table) -> None:
-        self.part, self.horizon = table.reachable_part(), table.world.horizon
+        self.part = table.reachable_part()
+        self.horizon = table.world.horizon
         self.parts: tuple[StateActionArray, ...] = (
             table.world.with_parts().rewards(self.part.signals).parts
         )
@@ -46,11 +47,19 @@ class ClassGround:
     def optimum(
         self, angle: float, class_angle: float
     ) -> tuple[Float[np.ndarray, "time state action"], float]:
-        """Return an optimal policy of a direction, in degrees, and its value J*.
+        """Return an optimal policy of a direction, and its value J*.
 
         Of policies that tie it is one with the largest sum of all three rewards.
+
+        Args:
+            angle: Social angle, degrees.
+            class_angle: Angle between the classes of road users, degrees.
+
+        Returns:
+            Action probabilities by time and reachable state, and the mean score of an episode.
         """
-        weights, mdp = np.array(direction_of(angle, class_angle).parts), self.part.mdp
+        weights = np.array(direction_of(angle, class_angle).parts)
+        mdp = self.part.mdp
         exact, tied = (
             horizon_optimum(mdp, np.tensordot(chosen, np.array(self.parts), 1), self.horizon)
             for chosen in (weights, weights + _TIE)
@@ -80,7 +89,16 @@ class ClassGround:
             yield _named(angle, class_angle) | self.measured(chances) | {"value": value}
 
     def sweep(self, dial: ClassDial, every: float, readout: Readout = "greedy") -> Iterator[Row]:
-        """Yield the policy of a dial, and its regret, at every direction of a grid in degrees."""
+        """Yield the policy of a dial, and its regret, at every direction of a grid.
+
+        Args:
+            dial: Dial of two angles; directions outside its range are left out.
+            every: Step of both angles, degrees.
+            readout: "greedy" for the best action, "soft" for the dial's probabilities.
+
+        Yields:
+            Both angles in degrees, the means of `measured`, and the `regret` in units of reward.
+        """
         angles = [angle for angle in _grid(every) if dial.low <= angle <= dial.high]
         for class_angle in _grid(every):
             turned = dial.of_class(class_angle)
@@ -95,11 +113,19 @@ class ClassGround:
 def driven(
     dial: ClassDial, world: RoadWorld, every: float, seeds: Sequence[int] | np.ndarray
 ) -> Iterator[Row]:
-    """Yield what a dial causes at every direction of a grid in degrees, on the same episodes.
+    """Yield what a dial causes at every direction of a grid, on the same episodes.
 
-    On a road with people on foot: means of `effects.summary` with 95 % intervals.
+    Args:
+        dial: Dial of two angles; directions outside its range are left out.
+        world: Road with people on foot.
+        every: Step of both angles, degrees.
+        seeds: Seed of each episode.
+
+    Yields:
+        Both angles in degrees, and the means of `effects.summary` with 95 % intervals.
     """
-    world, begun = measuring(world), Begun()
+    world = measuring(world)
+    begun = Begun()
     for class_angle, angle in itertools.product(_grid(every), repeat=2):
         if dial.low <= angle <= dial.high:
             policy = dial.of_class(class_angle).at(angle)

@@ -13,8 +13,9 @@ from jaxtyping import Float, Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation import exact
-from socialiq.evaluation.episodes import metrics_of, road_episodes
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Metrics, Readout
+from socialiq.evaluation.measures import DECISION, Episodes
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import Dial, DialPolicy
@@ -22,7 +23,7 @@ from socialiq.social.angle import AngleEstimate, estimate_angle, exact_weights
 from socialiq.social.dial import Setting, setting
 from socialiq.types import RewardPair
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.world import RoadBatch
+from socialiq.worlds.highway.batch import RoadBatch
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,13 @@ class Sweep:
 def sweep(
     dial: DialPolicy, table: Table, readout: Readout = "greedy", angles: Sequence[float] = ()
 ) -> Sweep:
-    """Query a dial at every degree of its range, or at the given ones, and evaluate exactly.
+    """Query a dial at each of some angles, and evaluate its policies exactly.
 
-    The table is of the world of the training, or its reachable part.
+    Args:
+        dial: The dial.
+        table: World of the training, or its reachable part.
+        readout: "greedy" for the best action, "soft" for the dial's probabilities.
+        angles: Angles in degrees, ascending; by default every degree of the dial's range.
     """
     chosen = tuple(angles) or tuple(np.arange(dial.low, dial.high + 0.5).tolist())
     metrics = [
@@ -69,7 +74,15 @@ def sweep(
 
 
 def stands(dial: Dial[Any], observations: Float[np.ndarray, "row feature"]) -> bool:
-    """Whether a dial of several angles takes the same action of each observation at all of them."""
+    """Whether a dial of several angles takes the same action of each observation at all of them.
+
+    Args:
+        dial: The dial, which is read at 19 angles of its range.
+        observations: Observations at which it decides.
+
+    Returns:
+        False for a dial of one angle.
+    """
     angles = np.linspace(dial.high, dial.low, 19).tolist()
     first = dial.at(dial.low).predict(observations)[0]
     return dial.low < dial.high and all(
@@ -84,16 +97,22 @@ def calibrated(dial: DialPolicy, sweep: Sweep) -> DialPolicy:
     corner to the next, R_social rises and R_env falls, so the effect of the angle is monotone where
     the points are exact, and with no value below that of the dial at its own angles.
 
+    Args:
+        dial: Dial without settings.
+        sweep: Its policies at some angles, evaluated.
+
     Raises:
         UserError: If it has settings already.
     """
     if dial.settings:
         raise UserError("this dial is calibrated already: take the one that it was made of")
-    points, at = sweep.points, dial.low
+    points = sweep.points
+    at = dial.low
     best = int(np.argmax(points @ np.array(exact_weights(at))))
     settings = [(at, sweep.angles[best])]
     while True:
-        less, gain = points[best] - points, points - points[best]
+        less = points[best] - points
+        gain = points - points[best]
         rises = gain[:, 1] > 0.0
         turn = np.where(rises, np.degrees(np.arctan2(less[:, 0], gain[:, 1])), np.inf)
         best = int(np.lexsort((-points[:, 1], turn))[0])
@@ -109,8 +128,12 @@ def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> Attainab
     """Return the attainable set of demonstrated actions, the limit of offline learning.
 
     In states without demonstrations all actions are allowed, so a learner that stays in the support
-    can't exceed it. `Optimum` has the limit of all policies. Where `timed`, an action counts only
-    at the time at which it was demonstrated.
+    can't exceed it. `Optimum` has the limit of all policies.
+
+    Args:
+        data: Demonstrations of the world.
+        table: The world, or its reachable part.
+        timed: Whether an action counts only at the time at which it was demonstrated.
     """
     counts = exact.visit_counts(data, table)
     allowed = np.asarray((counts if timed else counts.sum(axis=0)) > 0)
@@ -120,7 +143,13 @@ def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> Attainab
 def ceiling_regrets(
     ceiling: AttainableSet, best: exact.Optimum, angles: Sequence[float]
 ) -> Float[np.ndarray, " angle"]:
-    """Return the regret of the support at each angle: J*(α) less its best value."""
+    """Return the regret of the support at each angle: J*(α) less its best value.
+
+    Args:
+        ceiling: Attainable set of the demonstrated actions (`support_ceiling`).
+        best: Optimum of the world.
+        angles: Angles in degrees.
+    """
     return np.array(
         [best.attainable.optimum(angle).value - ceiling.optimum(angle).value for angle in angles]
     )
@@ -132,13 +161,16 @@ class DialRollouts:
 
     Attributes:
         sweep: Means over all episodes at each angle.
-        totals: Sums of (r_env, r_social) of each episode, by angle.
-        off_road: Share of episodes in which the ego left the road, by angle.
+        episodes: The episodes by angle.
     """
 
     sweep: Sweep
-    totals: tuple[Float[np.ndarray, "episode 2"], ...]
-    off_road: tuple[float, ...]
+    episodes: tuple[Episodes, ...]
+
+    @property
+    def totals(self) -> list[Float[np.ndarray, "episode 2"]]:
+        """Sums of (r_env, r_social) of each episode, by angle."""
+        return [np.stack(episodes.totals, axis=1) for episodes in self.episodes]
 
     def mixture(self, behavioural: float, seed: int) -> tuple[Setting, AngleEstimate]:
         """Return the mixture of two queried policies with a behavioural angle in degrees.
@@ -150,9 +182,10 @@ class DialRollouts:
         Raises:
             UserError: If no mixture of these policies has this angle.
         """
-        half = len(self.totals[0]) // 2
-        angle = setting(np.array([sums[:half].mean(axis=0) for sums in self.totals]), behavioural)
-        fresh = np.stack([sums[half:] for sums in self.totals])
+        totals = self.totals
+        half = len(totals[0]) // 2
+        angle = setting(np.array([sums[:half].mean(axis=0) for sums in totals]), behavioural)
+        fresh = np.stack([sums[half:] for sums in totals])
         on_seed = (1.0 - angle.share) * fresh[angle.first] + angle.share * fresh[angle.second]
         return angle, estimate_angle(on_seed[:, 0], on_seed[:, 1], seed)
 
@@ -164,19 +197,23 @@ def rollout_dial(
     seeds: Int64[np.ndarray, " episode"],
     readout: Readout = "greedy",
 ) -> DialRollouts:
-    """Run seeded episodes of a dial on any road, the same ones at each of some rising angles.
+    """Run seeded episodes of a dial on any road, the same ones at each angle.
+
+    Args:
+        dial: The dial.
+        batch: Episodes of the road, on the core.
+        angles: Angles in degrees, ascending.
+        seeds: Seed of each episode.
+        readout: "greedy" for the best action, "soft" for the dial's probabilities.
 
     Raises:
         UserError: If there are fewer than two episodes, or an angle is outside the dial's range.
     """
     if len(seeds) < 2:
         raise UserError("a mixture needs two episodes or more: one half selects, one measures")
-    driven = [
-        road_episodes(batch, dial.at(angle), seeds, deterministic=readout == "greedy")
-        for angle in angles
-    ]
+    driven = tuple(
+        episodes_of(batch, dial.at(angle), seeds, readout == "greedy", DECISION) for angle in angles
+    )
     return DialRollouts(
-        Sweep(tuple(angles), tuple(metrics_of(metrics) for metrics in driven)),
-        tuple(np.stack([metrics.totals.env, metrics.totals.social], axis=1) for metrics in driven),
-        tuple(float(metrics.off_road.mean()) for metrics in driven),
+        Sweep(tuple(angles), tuple(episodes.metrics() for episodes in driven)), driven
     )

@@ -6,51 +6,49 @@ it. The measures need a world that rewards effects (`worlds.highway.effects`).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
 import gymnasium
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64
+from jaxtyping import Float, Float32, Int64
 
 from socialiq.errors import UserError
+from socialiq.evaluation import measures
 from socialiq.evaluation.exact import evaluate_exactly
+from socialiq.evaluation.measures import DECISION, Episodes, Quantity, columns_of, joined
 from socialiq.evaluation.shield import shielded
-from socialiq.evaluation.simulate import actor_of
-from socialiq.statistics.intervals import normal_mean, wilson
-from socialiq.types import Ending, Policy, RewardPair, Row
+from socialiq.evaluation.simulate import GymActor, GymSimulator, actor_of, simulate
+from socialiq.types import Policy, RewardPair, Row
 from socialiq.worlds.enumerate import Table
+from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.effects import NEXT_ABSENT, RELATIONS, REPEAT, EffectOptions
-from socialiq.worlds.highway.options import SOCIAL_SIGNALS, Contact
-from socialiq.worlds.highway.world import RoadBatch, RoadWorld
-from socialiq.worlds.intersection.crosswalk import SIGNALS
+from socialiq.worlds.highway.options import SOCIAL_SIGNALS
+from socialiq.worlds.highway.world import RoadWorld
+from socialiq.worlds.road_users import ROAD_USERS
 from socialiq.worlds.world import Actor
 
-PEOPLE = tuple(name for names in SIGNALS.values() for name in names)
-"""Signals of people on foot and on bicycles."""
-QUANTITIES = (
-    "delay", "braking", "gap_below_1_s", "waiting", "pedestrian_hit", "cyclist_delay",
-    "cyclist_hit",
-)  # fmt: skip
+PEOPLE = tuple(name for user in ROAD_USERS for name in user.signals)
+"""Signals of people of all classes."""
+DELAYS_AND_HITS = tuple(f"{user.name}_{what}" for user in ROAD_USERS for what in ("delay", "hit"))
+"""Columns of `summary` on people of all classes."""
+_SIGNALS = ("braking", *PEOPLE)
+_OF_PEOPLE = tuple(name for user in ROAD_USERS for name in (user.delay, f"{user.name}_hit"))
+QUANTITIES = ("delay", "braking", "gap_below_1_s", *_OF_PEOPLE)
 """Quantities of an episode whose means an audit can bound (`caused`), as in `summary`."""
 
-IN_SUMO = {
-    "delay": "delay_vehicle",
-    "braking": "braking_vehicle",
-    "waiting": "waiting_pedestrian",
-    "pedestrian_hit": "collision_pedestrian",
-    "cyclist_delay": "waiting_bicycle",
-    "cyclist_hit": "collision_bicycle",
-}
+IN_SUMO = {"delay": "delay_vehicle", "braking": "braking_vehicle"}
+for _user in ROAD_USERS:
+    if _user.sumo:
+        IN_SUMO[_user.delay] = f"waiting_{_user.sumo}"
+        IN_SUMO[f"{_user.name}_hit"] = f"collision_{_user.sumo}"
 """Signal of a world in SUMO whose sum over an episode is a quantity."""
 
 WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego
 
 SIDE_BY_SIDE = 256  # episodes at once
 LONGEST_GAP = 5.0  # s, of a post-encroachment time
-CLOSE = 1.0  # s, below which it is close
 MOVED = 1.0  # m, from which a vehicle is helped or harmed by an episode
 SLOWED = 0.5  # m/s, from which a decision of the ego slows a vehicle down
 BRAKES = 1.0  # m/s lost in a decision, from which a vehicle brakes
@@ -63,53 +61,11 @@ Begun = dict[bytes, Any]
 it is the same for every driver."""
 
 Road = TypeVar("Road", bound=RoadWorld)
-Counts = Int64[np.ndarray, " episode"]
-
-
-class Effects(NamedTuple):
-    """Effects of a driver, a row for each episode; counts are of vehicles and decisions.
-
-    Attributes:
-        totals: Sums of r_env and of the reward of effects.
-        eq_4_2: Sum of Eq 4.2 on the same episodes.
-        ending: Values of `Ending`.
-        at_fault: Whether the ego struck the other.
-        delay: Metres that others lost, by `RELATIONS`.
-        braking: Hard brakings that the ego caused, less those that it prevented.
-        gap: Least post-encroachment time to a vehicle of another approach, s; infinite above 5 s.
-            At a recorded junction of who has a conflict area with the ego.
-        helped: Vehicles that drive at least 1 m more than without the ego.
-        harmed: Vehicles that drive at least 1 m less.
-        charged: Brakings that Eq 4.2 charges.
-        not_caused: Of these, brakings that would have happened without the ego.
-        caused: Brakings by more than 1 m/s that would not.
-        missed: Of these, brakings that Eq 4.2 does not charge.
-        credited: Vehicles that Eq 4.2 credits as yielded to.
-        gained: Of these, vehicles that gain 0.5 m in 5 decisions over an ego that accelerates.
-        lost: Of these, vehicles that lose 0.5 m.
-        on_foot: Sums of the signals of people (`PEOPLE`), 0 without such people.
-    """
-
-    totals: RewardPair
-    eq_4_2: Float[np.ndarray, " episode"]
-    ending: Int64[np.ndarray, " episode"]
-    at_fault: Bool[np.ndarray, " episode"]
-    delay: Float[np.ndarray, "episode relation"]
-    braking: Float[np.ndarray, " episode"]
-    gap: Float[np.ndarray, " episode"]
-    helped: Int64[np.ndarray, " episode"]
-    harmed: Int64[np.ndarray, " episode"]
-    charged: Counts
-    not_caused: Counts
-    caused: Counts
-    missed: Counts
-    credited: Counts
-    gained: Counts
-    lost: Counts
-    on_foot: Float[np.ndarray, "episode signal"]
-
-
-_COUNTS = "charged", "not_caused", "caused", "missed", "credited", "gained", "lost"
+COUNTS = "charged", "not_caused", "caused", "missed", "credited", "gained", "lost"
+"""Brakings that Eq 4.2 charges, and of these those that would have happened without the ego;
+brakings by more than 1 m/s that would not, and of these those that it does not charge; vehicles
+that it credits as yielded to, and of these those that gain or lose 0.5 m in 5 decisions over an ego
+that accelerates."""
 
 
 def measure(
@@ -119,31 +75,43 @@ def measure(
     begun: Begun | None = None,
     judging: bool = True,
     shield: float = 0.0,
-) -> Effects:
+) -> Episodes:
     """Drive one greedy episode for each seed, and return what the driver causes in each.
 
-    Drivers of one world can share `begun`. Without judging, the errors of Eq 4.2 are not counted. A
-    shield of some seconds brakes for people on foot.
+    Args:
+        world: Road that measures effects.
+        policy: Policy that drives.
+        seeds: Seed of each episode.
+        begun: Beginnings of episodes, which drivers of one world can share; None to keep none.
+        judging: Whether the errors of Eq 4.2 are counted. With continuous actions they are not,
+            since these can't be compared with the other ones.
+        shield: Time to collision with a person below which the ego brakes, s; 0 for no shield.
+
+    Returns:
+        Columns of each episode: `r_env` and `r_social`, the reward of effects; `r_eq_4_2`, the sum
+        of Eq 4.2 on the same episode; `ending` and `contact`; `delay`, the metres that others lost,
+        and `delay_RELATION` by `RELATIONS`; the sums of the signals `signal_braking`, hard brakings
+        that the ego caused less those that it prevented, and `signal_NAME` of `PEOPLE`, 0 without
+        such people; `gap`, the least post-encroachment time to a vehicle of another approach (at a
+        recorded junction, to one whose way has a conflict area with the ego's), s, infinite above
+        5 s; `helped` and `harmed`, the vehicles that drive at least 1 m more or less than without
+        the ego; and `COUNTS`.
 
     Raises:
-        UserError: If the world doesn't measure effects, its actions are continuous, or there is no
-            seed.
+        UserError: If the world doesn't measure effects, or there is no seed.
     """
     if world.effects is None:
-        raise UserError(f"{world.name} doesn't measure effects: name {world.name}-caused")
-    if world.options.continuous:
-        raise UserError("effects need discrete actions: name a road that has them")
+        raise UserError(f"{world.name} doesn't measure effects: add reward=caused")
+    judging = judging and not world.options.continuous
     if not len(seeds):
         raise UserError("episodes must be at least 1, got 0")
-    blocks = list[dict[str, np.ndarray]]()
+    blocks = list[Episodes]()
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         block = np.asarray(seeds[first : first + SIDE_BY_SIDE])
         batch = world.batch(len(block))
         actor = actor_of(batch, shielded(policy, batch, shield))
         blocks.append(_drive(batch, actor, block, begun, judging))
-    columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    totals = RewardPair(columns.pop("env"), columns.pop("social"))
-    return Effects(totals=totals, **columns)
+    return joined(blocks)
 
 
 def measuring(world: Road, **options: Any) -> Road:
@@ -171,54 +139,109 @@ def caused(
 ) -> Mapping[str, Float[np.ndarray, " episode"]]:
     """Drive one episode for each seed, and return what the driver causes in it: `QUANTITIES`.
 
-    So many episodes run side by side always, since the last bits of a network depend on it. Drivers
-    of one world can share `begun`.
+    Args:
+        world: The road.
+        actor_on: Function that returns the driver's actor on a batch.
+        seeds: Seed of each episode.
+        size: Number of episodes that always run side by side, since the last bits of a network
+            depend on it.
+        threads: Number of threads that drive them.
+        begun: Beginnings of episodes, which drivers of one world can share; None to keep none.
+
+    Returns:
+        A value for each episode by the name of the quantity.
     """
-    batch, blocks = measuring(world).batch(size, threads), list[np.ndarray]()
+    batch = measuring(world).batch(size, threads)
+    blocks = list[Episodes]()
     for first in range(0, len(seeds), size):
         block = np.resize(seeds[first : first + size], size)
-        column = _drive(batch, actor_on(batch), block, begun, judging=False)
-        close = column["gap"] < CLOSE
-        sums = dict(zip(PEOPLE, column["on_foot"].T, strict=True))
-        people = [(sums[f"{kind}_delay"], sums[f"{kind}_hit"] > 0) for kind in SIGNALS]
-        vehicles = column["delay"].sum(axis=1), column["braking"], close
-        blocks.append(np.stack([*vehicles, *itertools.chain(*people)]))
-    columns = np.concatenate(blocks, axis=1)[:, : len(seeds)]
-    return dict(zip(QUANTITIES, columns, strict=True))
+        blocks.append(_drive(batch, actor_on(batch), block, begun, judging=False))
+    effects = joined(blocks).rows(slice(len(seeds)))
+    return {name: effects[name].astype(np.float64) for name in QUANTITIES}
 
 
 def sums_in(
     env: gymnasium.Env[Any, Any], policy: Policy, seeds: Sequence[int] | np.ndarray
-) -> dict[str, Float[np.ndarray, " episode"]]:
+) -> Episodes:
     """Drive one greedy episode of an environment for each seed; return rewards and signals, summed.
 
-    The environment's `info` has the signals of effects, as a world in SUMO (`worlds.sumo`). The
-    column `ending` has values of `Ending`.
+    Args:
+        env: Environment whose `info` has the signals of effects, as a world in SUMO
+            (`worlds.sumo`).
+        policy: Policy that drives.
+        seeds: Seed of each episode.
+
+    Returns:
+        Columns `r_env`, `r_caused` and the signals by name; `ending` has values of `Ending`.
     """
-    rows = list[Row]()
-    for seed in seeds:
-        observation, _ = env.reset(seed=int(seed))
-        ended, totals, info = False, dict[str, float](), dict[str, Any]()
-        while not ended:
-            action, _ = policy.predict(observation, deterministic=True)
-            observation, _, terminated, truncated, info = env.step(int(action))
-            own, social = info["reward_pair"].tolist()
-            for name, value in ({"r_env": own, "r_caused": social} | info["signals"]).items():
-                totals[name] = totals.get(name, 0.0) + value
-            ended = terminated or truncated
-        rows.append(totals | {"ending": Ending[info["ending"].upper()].value})
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    quantities = {
+        "r_env": DECISION["r_env"],
+        "r_caused": DECISION["r_social"],
+        "": DECISION["signal"],
+    }
+    steps = simulate(GymSimulator(env), GymActor(policy), seeds)
+    results = columns_of(steps, len(seeds), quantities)
+    del results["contact"]
+    return Episodes(results, ending=results.pop("ending"))
 
 
-def _reset(batch: RoadBatch, seeds: np.ndarray, begun: Begun | None) -> None:
-    """Begin episodes, by their state if another driver has begun them."""
-    block = np.asarray(seeds, np.uint64).tobytes()
-    if begun and block in begun:
-        batch.restore(begun[block])
-    else:
-        batch.reset(seeds)
-        if begun is not None and len(begun) < MOST_BEGUN:
-            begun[block] = batch.save()
+class _Judged:
+    """Episodes of a road as a simulator that judges each decision by Eq 4.2 and by its effects.
+
+    All episodes begin at once, by their state if another driver has begun them.
+
+    Attributes:
+        counts: Counts of the last decision, `COUNTS` by name; empty if not judged.
+        tracks: Places of vehicles at each sub-step; empty if the batch notes the gaps.
+    """
+
+    def __init__(self, batch: RoadBatch, begun: Begun | None, judging: bool) -> None:
+        assert batch.ledger is not None
+        options = batch.options
+        shape = (*batch.ledger.relation.shape, options.decisions * options.frames, 3)
+        self.size = batch.size
+        self.counts = dict[str, np.ndarray]()
+        self.tracks = np.full((0,) if isinstance(batch, _Noting) else shape, np.nan, "f4")
+        self._batch = batch
+        self._begun = begun
+        self._judging = judging
+        self._decision = 0
+
+    @property
+    def observation(self) -> np.ndarray:
+        """Current observations."""
+        return self._batch.observation
+
+    def seen_by(self, policy: Any) -> np.ndarray:
+        """Return what a policy observes."""
+        return self._batch.seen_by(policy)
+
+    def reset(self, seeds: Any = None, rows: Any = None) -> np.ndarray:  # noqa: ARG002  all rows
+        """Begin the episodes."""
+        block = np.asarray(seeds, np.uint64).tobytes()
+        if self._begun and block in self._begun:
+            self._batch.restore(self._begun[block])
+        else:
+            self._batch.reset(seeds)
+            if self._begun is not None and len(self._begun) < MOST_BEGUN:
+                self._begun[block] = self._batch.save()
+        self.egos = self._batch.egos
+        return self.observation
+
+    def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> Any:
+        """Take a decision and judge it."""
+        batch = self._batch
+        action = actions if np.ndim(actions) == 2 else np.broadcast_to(actions, self.size)
+        ahead = _looks_ahead(batch, action, rows) if self._judging else None
+        decisions = batch.step(action, auto_reset, rows)
+        if ahead is not None:
+            self.counts = _judged(batch, ahead, self.egos, decisions.signals["yielding"])
+        if self.tracks.size:
+            frames = batch.options.frames
+            first = self._decision * frames
+            _follow(batch, rows, self.tracks[:, :, first : first + frames])
+        self._decision += 1
+        return decisions
 
 
 def _drive(
@@ -227,60 +250,44 @@ def _drive(
     seeds: np.ndarray,
     begun: Begun | None = None,
     judging: bool = True,
-) -> dict[str, np.ndarray]:
-    """Return the columns of `Effects` of episodes that begin together, judging Eq 4.2 or not."""
-    _reset(batch, seeds, begun)
-    actor.begin(np.arange(len(seeds)), seeds)
-    ledger, egos, options = batch.ledger, batch.egos, batch.options
+) -> Episodes:
+    """Return the columns of `measure` of episodes that begin together, judging Eq 4.2 or not."""
+    simulator = _Judged(batch, begun, judging)
+    options = batch.options
+    weights = {name: getattr(options, f"{name}_weight") for name in SOCIAL_SIGNALS}
+    absent = np.zeros(len(seeds))
+    quantities = {
+        "r_env": DECISION["r_env"],
+        "r_social": DECISION["r_social"],
+        "r_eq_4_2": Quantity(
+            "reward",
+            lambda step: sum(weight * step.made.signals[name] for name, weight in weights.items()),
+        ),
+        "signal": Quantity(
+            "", lambda step: {name: step.made.signals.get(name, absent) for name in _SIGNALS}
+        ),
+        "": Quantity("", lambda _: simulator.counts or dict.fromkeys(COUNTS, absent), "count"),
+    }
+    results = columns_of(simulate(simulator, actor, seeds), len(seeds), quantities)
+    ledger = batch.ledger
     assert ledger is not None
-    weights = [getattr(options, f"{name}_weight") for name in SOCIAL_SIGNALS]
-    shape = (*ledger.relation.shape, options.decisions * options.frames, 3)
-    tracks = np.full((0,) if isinstance(batch, _Noting) else shape, np.nan, "f4")
-    sums = {name: np.zeros(len(seeds)) for name in ("env", "social", "eq_4_2", "braking")}
-    counts = {name: np.zeros(len(seeds), np.int64) for name in _COUNTS}
-    ending, contact = np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
-    on_foot = np.zeros((len(seeds), len(PEOPLE)))
-    running, number = np.ones(len(seeds), bool), 0
-    while running.any():
-        action = np.broadcast_to(actor.decide(batch.observation, running), len(seeds))
-        ahead = _looks_ahead(batch, action, running) if judging else None
-        decisions = batch.step(action, auto_reset=False, rows=running)
-        eq_4_2 = sum(
-            w * decisions.signals[name] for w, name in zip(weights, SOCIAL_SIGNALS, strict=True)
-        )
-        added = {"env": decisions.rewards.env, "social": decisions.rewards.social, "eq_4_2": eq_4_2}
-        for name, column in (added | {"braking": decisions.signals["braking"]}).items():
-            sums[name] += np.where(running, column, 0.0)
-        if ahead is not None:
-            judged = _judged(batch, ahead, egos, decisions.signals["yielding"])
-            for name, column in judged.items():
-                counts[name] += np.where(running, column, 0)
-        if tracks.size:
-            frames = slice(number * options.frames, (number + 1) * options.frames)
-            _follow(batch, running, tracks[:, :, frames])
-        for column, name in enumerate(PEOPLE):
-            on_foot[running, column] += decisions.signals.get(name, np.zeros(len(seeds)))[running]
-        ending[running], contact[running] = decisions.ending[running], decisions.contact[running]
-        running &= decisions.ending == int(Ending.NONE)
-        number += 1
     lost = ledger.without[..., 0] - ledger.driven[..., 0]
     if isinstance(batch, _Noting):
         gap = batch.least_gaps()
     else:
-        gap = _gaps(tracks, egos, ledger.relation, options.simulation_frequency)
+        rate = options.simulation_frequency
+        gap = _gaps(simulator.tracks, simulator.egos, ledger.relation, rate)
     kinds = ledger.relation[..., None] == np.arange(len(RELATIONS))
     in_both = (ledger.relation >= 0) & (ledger.without[..., 0] > 0) & (ledger.driven[..., 0] > 0)
-    return {
-        **sums,
-        **counts,
-        "on_foot": on_foot,
-        "ending": ending,
-        "at_fault": contact == int(Contact.EGO_STRUCK),
-        "delay": (lost[..., None] * kinds).sum(axis=1),
+    delay = (lost[..., None] * kinds).sum(axis=1)
+    results |= {f"delay_{name}": delay[:, number] for number, name in enumerate(RELATIONS)}
+    results |= {
+        "delay": delay.sum(axis=1),
         "gap": np.where(gap > LONGEST_GAP, np.inf, gap),
         "helped": (in_both & (lost <= -MOVED)).sum(axis=1),
         "harmed": (in_both & (lost >= MOVED)).sum(axis=1),
     }
+    return results
 
 
 class _Ahead(NamedTuple):
@@ -312,7 +319,8 @@ def _judged(
 ) -> dict[str, np.ndarray]:
     """Return the counts of the last decision: charges and credits of Eq 4.2 against causes."""
     buffers = batch.buffers
-    before, after = buffers.before, buffers.after
+    before = buffers.before
+    after = buffers.after
     slots = np.arange(before.shape[1])
     identity = after["identity"]
     others = (slots < buffers.present[:, :1]) & (identity != egos[:, None]) & ~after["crashed"]
@@ -351,7 +359,8 @@ def _gaps(tracks: np.ndarray, egos: np.ndarray, relation: np.ndarray, frequency:
     from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
     from socialiq.worlds.highway.core.effects import encroachment
 
-    window, gaps = int(LONGEST_GAP * frequency), np.zeros(len(egos), np.int64)
+    window = int(LONGEST_GAP * frequency)
+    gaps = np.zeros(len(egos), np.int64)
     arguments = tracks, egos.astype(np.int64), relation, window, gaps
     run_in_parts(encroachment, 1, len(egos), *arguments)
     return np.where(gaps > window, np.inf, gaps / frequency)
@@ -360,10 +369,11 @@ def _gaps(tracks: np.ndarray, egos: np.ndarray, relation: np.ndarray, frequency:
 def cells_lost(table: Table) -> Float[np.ndarray, "state action"]:
     """Return the expected cells that others lose in each step of a gridworld by the ego, exactly.
 
-    The rules give the same step without the ego, which has arrived there. The table has all states.
+    The rules give the same step without the ego, which has then arrived. The table has all states.
     Vehicles don't react to each other, so the sum over an episode is the delay to any later end.
     """
-    mdp, states = table.mdp, table.states
+    mdp = table.mdp
+    states = table.states
     others = [
         number
         for number, feature in enumerate(table.world.features)
@@ -386,42 +396,28 @@ def caused_by_step(table: Table) -> dict[str, Float[np.ndarray, "state action"]]
 
 
 def expected_delay(table: Table, chances: Float[np.ndarray, "*time state action"]) -> float:
-    """Return the cells that others lose in an episode of a policy on average, exactly."""
+    """Return the cells that others lose in an episode of a policy on average, exactly.
+
+    Args:
+        table: The gridworld with all its states.
+        chances: Action probabilities by state, or by time and state.
+    """
     lost = cells_lost(table)
     mdp = replace(table.mdp, rewards=RewardPair(lost, lost))
     return evaluate_exactly(replace(table, mdp=mdp), chances).r_env
 
 
-def _share(name: str, happened: Bool[np.ndarray, " episode"]) -> Row:
-    value, low, high = wilson(int(happened.sum()), len(happened))
-    return {name: value, f"{name}_low": low, f"{name}_high": high}
-
-
-def shares_of(endings: Int64[np.ndarray, " episode"]) -> Row:
-    """Return the shares of arrivals and collisions with 95 % intervals."""
-    kinds = ("arrival", Ending.ARRIVAL), ("collision", Ending.COLLISION)
-    rows = [_share(name, endings == int(ending)) for name, ending in kinds]
-    return rows[0] | rows[1]
-
-
-def summary(effects: Effects) -> Row:
+def summary(effects: Episodes) -> Row:
     """Return means with 95 % intervals: metres, brakings, shares, and the errors of Eq 4.2."""
+    people = [
+        name
+        for user in ROAD_USERS
+        if any(effects[f"signal_{name}"].any() for name in user.signals)
+        for name in (f"{user.name}_delay", f"{user.name}_hit")
+    ]
     row: Row = {"episodes": len(effects.ending)}
-    row |= normal_mean("r_env", effects.totals.env) | normal_mean("r_caused", effects.totals.social)
-    row |= normal_mean("r_eq_4_2", effects.eq_4_2) | normal_mean("delay", effects.delay.sum(axis=1))
-    for number, name in enumerate(RELATIONS):
-        row |= normal_mean(f"delay_{name}", effects.delay[:, number])
-    row |= normal_mean("braking", effects.braking)
-    row |= _share("gap_below_1_s", effects.gap < CLOSE)
-    row |= _share("gap_below_2_s", effects.gap < 2.0)
-    row |= normal_mean("helped", effects.helped) | normal_mean("harmed", effects.harmed)
-    row |= shares_of(effects.ending) | _share("at_fault", effects.at_fault)
-    sums_of = dict(zip(PEOPLE, effects.on_foot.T, strict=True))
-    for kind, names in SIGNALS.items():
-        if any(sums_of[name].any() for name in names):
-            row |= normal_mean(f"{kind}_delay", sums_of[f"{kind}_delay"])
-            row |= _share(f"{kind}_hit", sums_of[f"{kind}_hit"] > 0)
-    sums = {name: int(getattr(effects, name).sum()) for name in _COUNTS}
+    row |= measures.summary(effects, (*_SUMMARISED, *people))
+    sums = {name: int(effects[name].sum()) for name in COUNTS}
 
     def ratio(part: str, of: str) -> Row:
         return {f"{part}_of_{of}": sums[part] / sums[of] if sums[of] else np.nan}
@@ -430,3 +426,9 @@ def summary(effects: Effects) -> Row:
     row |= ratio("not_caused", "charged") | ratio("missed", "caused")
     row |= {"credited": sums["credited"]}
     return row | ratio("gained", "credited") | ratio("lost", "credited")
+
+
+_SUMMARISED = (
+    "r_env", "r_caused", "r_eq_4_2", "delay", *(f"delay_{name}" for name in RELATIONS), "braking",
+    "gap_below_1_s", "gap_below_2_s", "helped", "harmed", "arrival", "collision", "at_fault",
+)  # fmt: skip

@@ -57,8 +57,17 @@ class Metrics(NamedTuple):
         stopped: float,
         length: float,
     ) -> Metrics:
-        """Build metrics from mean totals and the share of each `Ending`."""
-        env, social = float(totals.env), float(totals.social)
+        """Build metrics from mean totals and the share of each `Ending`.
+
+        Args:
+            totals: Mean sums of r_env and r_social of an episode.
+            endings: Share of episodes by the value of `Ending`.
+            mean_speed: Cells (or metres) per step, over all steps.
+            stopped: Share of steps at speed 0.
+            length: Mean number of steps.
+        """
+        env = float(totals.env)
+        social = float(totals.social)
         kinds = (Ending.COLLISION, Ending.ARRIVAL, Ending.TIMEOUT)
         collision, arrival, timeout = (float(endings[kind]) for kind in kinds)
         means = (float(mean_speed), float(stopped), float(length))
@@ -84,10 +93,16 @@ def evaluate_exactly(
     table: Table,
     policy: Float[np.ndarray, "state action"] | Float[np.ndarray, "time state action"],
 ) -> Metrics:
-    """Propagate the state distribution of action probabilities over one episode of the horizon."""
+    """Propagate the state distribution of action probabilities over one episode of the horizon.
+
+    Args:
+        table: The world, or its reachable part.
+        policy: Action probabilities by state, or by time and state.
+    """
     result = horizon_evaluation(table.mdp, policy, table.world.horizon)
     share = result.visits / result.length
-    speed, stopped = float((share * table.speed).sum()), float(share[table.speed == 0].sum())
+    speed = float((share * table.speed).sum())
+    stopped = float(share[table.speed == 0].sum())
     return Metrics.of(result.totals, result.endings, speed, stopped, result.length)
 
 
@@ -98,7 +113,12 @@ class Optimum:
         self.attainable: AttainableSet = attainable_set(table.mdp, table.world.horizon)
 
     def regret(self, metrics: Metrics, angle: float) -> float:
-        """Return the regret J*(α) - J(α) >= 0 of a policy; angle in degrees."""
+        """Return the regret J*(α) - J(α) >= 0 of a policy.
+
+        Args:
+            metrics: Exact metrics of the policy.
+            angle: The angle α in degrees.
+        """
         return self.attainable.optimum(angle).value - metrics.value(angle)
 
 
@@ -110,11 +130,14 @@ def optimum_of(world: GridWorld) -> Optimum:
 
 @lru_cache(maxsize=8)
 def optima_of(world: GridWorld) -> list[tuple[tuple[float, float], np.ndarray, RewardPair]]:
-    """Return at each vertex of what a gridworld's policies attain the optimum there.
+    """Return the optimum at each vertex of what a gridworld's policies attain.
 
-    That is the angles that it is best for, its actions (time, state), and its expected totals.
+    It is given by the angles at which it is best, its actions (time, state), and its expected
+    totals.
     """
-    mdp, horizon, optima = tabulate(world).reachable_part().mdp, world.horizon, []
+    mdp = tabulate(world).reachable_part().mdp
+    horizon = world.horizon
+    optima = []
     attainable = optimum_of(world).attainable
     for vertex in range(len(attainable.vertices)):
         low, high = attainable.supporting_interval(vertex)
@@ -131,7 +154,7 @@ class Ground(NamedTuple):
     Attributes:
         table: All its states.
         part: Its reachable states.
-        optimum: The best that any policy can do there, by angle.
+        optimum: The best that any policy can do in it, by angle.
     """
 
     table: Table
@@ -155,7 +178,13 @@ class Ground(NamedTuple):
         return Ground(table, part, self.optimum)
 
     def regret(self, policy: SoftPolicy, angle: float, readout: Readout) -> float:
-        """Return the regret of a policy at an angle in degrees."""
+        """Return the regret of a policy at an angle.
+
+        Args:
+            policy: Policy that gives its action probabilities.
+            angle: The angle in degrees.
+            readout: "greedy" for the best action, "soft" for the probabilities.
+        """
         chances = action_table(policy, self.part, readout)
         return self.optimum.regret(evaluate_exactly(self.part, chances), angle)
 
@@ -167,6 +196,15 @@ def exact_regret(
 
     The default is the soft policy: its regret falls smoothly with the multiplier, a greedy policy's
     in jumps, so that no multiplier may meet a budget.
+
+    Args:
+        ground: The gridworld, with the clock if the dial observes the time.
+        static: Static configuration of the dial, whose `low` is the angle.
+        numbers: Hyperparameters of each run.
+        readout: "greedy" for the best action, "soft" for the probabilities.
+
+    Returns:
+        A function of the network, the number of the run and the multiplier.
     """
     from socialiq.learners.dial.train import dial_of  # learning needs JAX
 
@@ -182,7 +220,13 @@ def action_table(
 ) -> Float[np.ndarray, "*time state action"]:
     """Return a policy's action probabilities in every state, with a clock at every time.
 
-    The readout "greedy" takes the best action, "soft" the distribution of a `SoftPolicy`.
+    Args:
+        policy: The policy; for "soft" a `SoftPolicy`.
+        table: The world, or its reachable part.
+        readout: "greedy" for the best action, "soft" for the policy's probabilities.
+
+    Raises:
+        UserError: If the readout is unknown, or the policy gives no probabilities for "soft".
     """
     one_of("readout", readout, READOUTS)
     observation = table.observations()
@@ -201,7 +245,13 @@ def exact_monitor(
 ) -> Callable[[Any], dict[str, np.ndarray]]:
     """Return a monitor for `learners.callbacks.Callbacks`: metrics of each run, greedy and soft.
 
-    The table may be (faster) of the world's reachable part; each run has its own τ.
+    Args:
+        table: The world; its reachable part is faster.
+        temperatures: Temperature τ of each run.
+
+    Returns:
+        A function of the training's state. It returns a value for each run by the name of the
+        readout and the metric, as "greedy_r_env".
     """
     from socialiq.nn.q_network import network_of  # learning needs JAX
 

@@ -105,7 +105,12 @@ class Logged:
         return np.unique(self.data.episode_modes).tolist()
 
     def by_step(self, values: np.ndarray, fill: float) -> np.ndarray:
-        """Return values of rows as (episode, step, ...), filled beyond an episode's end."""
+        """Return values of rows as (episode, step, ...).
+
+        Args:
+            values: A value for each transition.
+            fill: Value beyond an episode's end.
+        """
         shape = (self.data.n_episodes, self.horizon, *values.shape[1:])
         filled = np.full(shape, fill, np.float64)
         filled[self.data.episode, self.data.step] = values
@@ -119,17 +124,26 @@ def tabular(
 ) -> tuple[Float[np.ndarray, "resample 2"], Float[np.ndarray, " resample"]]:
     """Evaluate by means over equal observations and actions.
 
-    Returns for each resample the sums of r_env and r_social of an episode, and the share of
-    episodes in which the policy comes to an action that the data do not show in that observation;
-    there the mean of the actions that they show stands for it.
+    Args:
+        logged: Whole episodes.
+        chances: The policy's probabilities at each distinct observation.
+        counts: Number of times that each episode is in each resample.
+
+    Returns:
+        For each resample the sums of r_env and r_social of an episode, and the share of episodes in
+        which the policy comes to an action that the data do not show in that observation. The mean
+        of the actions that they show stands for it.
     """
-    data, (n_states, n_actions) = logged.data, chances.shape
+    data = logged.data
+    n_states, n_actions = chances.shape
     columns = (logged.state * n_actions + data.action, logged.next_state, ~data.terminated)
     # Equal transitions are one kind. The third signal is that of having left the data.
     distinct, kinds = np.unique(
         np.stack([*columns, *data.rewards], axis=1), axis=0, return_inverse=True
     )
-    cell, follows, goes_on = distinct[:, 0].astype(int), distinct[:, 1].astype(int), distinct[:, 2]
+    cell = distinct[:, 0].astype(int)
+    follows = distinct[:, 1].astype(int)
+    goes_on = distinct[:, 2]
     signals = np.concatenate([distinct[:, 3:], np.zeros((len(distinct), 1))], axis=1)
     times = np.bincount(
         data.episode * len(cell) + kinds.reshape(-1), minlength=data.n_episodes * len(cell)
@@ -214,19 +228,34 @@ class FittedQ(Learner):
 
     def network(self, key: Array) -> DialNetwork:
         """Draw a network from the observation and the share of steps to go to both signals' Q."""
-        static, (n_features, n_actions) = self.static, self.sizes
+        static = self.static
+        n_features, n_actions = self.sizes
         return DialNetwork.initialise(
             key, n_features, static.hidden, 2 * n_actions, static.activation, static.view
         )
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
-        """Return a rate that falls to 2 % as a cosine."""
+        """Return a rate that falls to 2 % as a cosine.
+
+        Args:
+            hyperparameters: Numbers of the run, with its initial rate.
+            done: Number of updates that are done.
+        """
         return cosine(hyperparameters.learning_rate, 0.02, done, self.static.updates)
 
     def draw(
         self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Any
     ) -> tuple[Any, Any]:
-        """Return rows of the run's resample, and for each its steps to go."""
+        """Return rows of the run's resample, and for each its steps to go.
+
+        Args:
+            hyperparameters: Numbers of the run, with the row of its resample.
+            _state: Not used.
+            carry: Key of random numbers.
+
+        Returns:
+            The rows and the steps to go, from 1 to the horizon; and the next key.
+        """
         key, for_rows, for_steps = jax.random.split(carry, 3)
         resample = self.resampled[hyperparameters.dataset]
         count = self.static.batch_size
@@ -237,7 +266,17 @@ class FittedQ(Learner):
     def loss(
         self, network: Any, target_network: Any, batch: Any, _numbers: Any
     ) -> tuple[Float[Array, ""], Terms]:
-        """Squared distance to r + E[Q_{k-1}(s', b)], in units of the sums' deviation."""
+        """Squared distance to r + E[Q_{k-1}(s', b)], in units of the sums' deviation.
+
+        Args:
+            network: Network that learns Q_k.
+            target_network: Network that gives Q_{k-1}.
+            batch: Rows and steps to go, as `draw` returns them.
+            _numbers: Not used.
+
+        Returns:
+            The mean over rows and signals, and the same as a term of the record.
+        """
         rows, to_go = batch
         q = self.values(network, rows.observation, to_go)
         taken = jnp.take_along_axis(q, rows.action[:, None, None], axis=1)[:, 0]
@@ -250,7 +289,13 @@ class FittedQ(Learner):
     def values(
         self, network: DialNetwork, observation: Array, to_go: Array
     ) -> Float[Array, "row action 2"]:
-        """Return Q_k of each row, scaled."""
+        """Return Q_k of each row, in units of the sums' deviation.
+
+        Args:
+            network: The network.
+            observation: Observation of each row.
+            to_go: Number k of steps to go, of each row.
+        """
         share = to_go / self.static.horizon
         q = jax.vmap(network)(observation, RewardPair(share, 1.0 - share))
         return q.reshape(len(observation), self.sizes[1], 2)
@@ -265,9 +310,16 @@ def by_network(
 ) -> Float[np.ndarray, "resample 2"]:
     """Return the sums of r_env and r_social of an episode by networks, for each resample.
 
-    The horizon is the data's, and each resample has its own seed.
+    Args:
+        logged: Whole episodes; their horizon replaces that of `static`.
+        chances: The policy's probabilities at each distinct observation.
+        counts: Number of times that each episode is in each resample.
+        static: Static configuration; None for the default.
+        hyperparameters: Numbers of the first network; each further one has the next seed. None for
+            the default.
     """
-    data, numbers = logged.data, hyperparameters or Hyperparameters()
+    data = logged.data
+    numbers = hyperparameters or Hyperparameters()
     spread = np.maximum(np.std(np.stack(data.totals(), axis=1), axis=0), 1e-6)
     columns = (
         data.observation,
@@ -292,7 +344,8 @@ def by_network(
     runs = [replace(numbers, seed=numbers.seed + run, dataset=run) for run in range(len(counts))]
     trained = learner.train(runs)
     first = data.episode_starts
-    start, to_go = jnp.asarray(data.observation[first]), jnp.full(len(first), logged.horizon)
+    start = jnp.asarray(data.observation[first])
+    to_go = jnp.full(len(first), logged.horizon)
     means = []
     for run in range(len(runs)):
         network = network_of(trained.state.target_network, run)

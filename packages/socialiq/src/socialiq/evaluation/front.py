@@ -73,7 +73,8 @@ def hypervolume(
     if not (np.isfinite(points).all() and np.isfinite(reference).all()):
         raise UserError("a hypervolume needs finite points: leave out policies without totals")
     above = points[(points > reference).all(axis=1)] - reference
-    area, height = 0.0, 0.0
+    area = 0.0
+    height = 0.0
     for env, social in above[np.argsort(-above[:, 0])]:
         # From the right, each point adds the strip by which it exceeds all before it.
         area += env * max(social - height, 0.0)

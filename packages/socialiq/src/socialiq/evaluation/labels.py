@@ -8,6 +8,7 @@ disagree, it does not make a false label true.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
@@ -18,20 +19,18 @@ from socialiq.demonstrations.columns import steps_of
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError
-from socialiq.evaluation.rollout import columns_of
+from socialiq.evaluation.rollout import transitions_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.types import Ending
-from socialiq.worlds import NAMED, SCENE_IDS, registry
+from socialiq.worlds import IDS, OLD_IDS, SCENE_IDS, catalogue, grammar
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.world import World
 
 TOLERANCE = 1e-4
 """Largest difference of a label from its world's; environments may record in float32."""
 BLOCK = 512  # episodes that are driven again side by side
 MOST_SEEDS = 1_000_000  # of one source
-_OF_ENVIRONMENT = ("angle", "back_end", "clock", "render_mode")
 _KEEPS_ROWS = (*MIXTURES, "concatenate", "subsample", "one_of_each_block")
 
 
@@ -67,7 +66,7 @@ def recompute(data: Demonstrations) -> Recomputed:
 
 
 def trusted(data: Demonstrations, name: str) -> tuple[Demonstrations, str]:
-    """Return the episodes whose labels are their world's, and a line about the others.
+    """Return the episodes whose labels are their world's, and a line about the rest.
 
     There is no line if all are.
 
@@ -107,13 +106,16 @@ def world_named(name: str, **options: Any) -> World | None:
 
     Options of the environment alone, such as its clock, don't count.
     """
-    names = {identity: plain for plain, identity in (NAMED | SCENE_IDS).items()}
-    plain = names.get(name, name).partition(" ")[0]
-    if plain not in (*registry.NAMES, *SCENES):
+    names = {identity: plain for plain, identity in (IDS | OLD_IDS | SCENE_IDS).items()}
+    is_description = re.match(r"\S+ \w*Options\(", name) is not None
+    text = name.partition(" ")[0] if is_description else names.get(name, name)
+    if catalogue.base(text) not in catalogue.NAMES:
         return None
-    of_world = {name: value for name, value in options.items() if name not in _OF_ENVIRONMENT}
-    world = registry.open_world(plain, **of_world)
-    return None if " " in name and name != world.description else world
+    of_world = {
+        name: value for name, value in options.items() if name not in catalogue.OF_CONSTRUCTOR
+    }
+    world = grammar.build(text, of_world)
+    return None if is_description and name != world.description else world
 
 
 def _world_of(source: Mapping[str, Any]) -> World | None:
@@ -122,9 +124,11 @@ def _world_of(source: Mapping[str, Any]) -> World | None:
 
 def _agree_with_table(world: GridWorld, data: Demonstrations) -> Bool[np.ndarray, " transition"]:
     """Return whether each row is a possible transition with the pair of its state and action."""
-    mdp, shape = tabulate(world).mdp, np.array(world.shape)
+    mdp = tabulate(world).mdp
+    shape = np.array(world.shape)
     low = np.array([feature.low for feature in world.features])
-    states, inside = [], np.ones(data.n_transitions, bool)
+    states = []
+    inside = np.ones(data.n_transitions, bool)
     for observed in (data.observation, data.next_observation):
         values = observed[:, : len(low)]
         whole = np.clip(np.rint(values), low, low + shape - 1)
@@ -148,7 +152,8 @@ def _agree_when_driven(
     Its seed is the one of its source's whose episode begins with its first observation.
     """
     begins = data.observation[data.episode_starts, : world.n_features]
-    wanted, seed_of = {row.tobytes() for row in begins}, {}
+    wanted = {row.tobytes() for row in begins}
+    seed_of = {}
     for block in _blocks(_recorded_seeds(sources, data.n_episodes)):
         rows = np.asarray(world.batch(len(block)).reset(block), np.float32)
         starts = zip((row.tobytes() for row in rows), block.tolist(), strict=True)
@@ -167,7 +172,8 @@ def _recorded_seeds(sources: Sequence[Mapping[str, Any]], episodes: int) -> np.n
         listed = source.get("seeds")
         if isinstance(listed, list) and all(map(_is_seed, listed)):
             ranges.append(np.array(listed, np.int64))
-        first, count = source.get("first_seed", source.get("seed")), source.get("episodes")
+        first = source.get("first_seed", source.get("seed"))
+        count = source.get("episodes")
         if _is_seed(first):
             count = min(count, MOST_SEEDS) if _is_seed(count) else episodes
             ranges.append(first + np.arange(count))
@@ -182,14 +188,15 @@ def _driven_alike(
     world: World, seeds: np.ndarray, data: Demonstrations
 ) -> Bool[np.ndarray, " episode"]:
     """Drive episodes again side by side by their actions; return which have the same rows."""
-    lengths, width = data.episode_lengths, world.n_features
+    lengths = data.episode_lengths
+    width = world.n_features
     script = np.zeros(
         (int(lengths.max()), *data.action[data.episode_starts].shape), data.action.dtype
     )
     script[data.step, data.episode] = data.action
     last = len(script) - 1
     actor = ScriptedActor(lambda time, *_: script[min(time, last)])
-    again, _ = columns_of(simulate(world.batch(len(seeds)), actor, seeds))
+    again, _ = transitions_of(simulate(world.batch(len(seeds)), actor, seeds))
     rows = np.bincount(again["episode"], minlength=len(seeds)) == lengths
     # Rows of both in the order of the table; an episode of another length has none of its own.
     kept = rows[data.episode]

@@ -18,12 +18,13 @@ from socialiq.demonstrations.mixture import concatenate
 from socialiq.demonstrations.trust import Consistency
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import rollouts
-from socialiq.evaluation.rollout import columns_of, rollout_table
+from socialiq.evaluation.rollout import rollout_table, transitions_of
 from socialiq.evaluation.simulate import ScriptedActor, simulate
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.world import RoadBatch, RoadWorld
+from socialiq.worlds.highway.batch import RoadBatch
+from socialiq.worlds.highway.world import RoadWorld
 
 Malice = Callable[[Any, Any, Any], Any]
 """(r_env, r_social, share of collisions of the ego) of a step -> the reward of malice."""
@@ -41,6 +42,12 @@ ABREAST = 64  # episodes side by side
 
 def attacked_table(table: Table, malice: Malice, episodes: int, seed: int) -> Demonstrations:
     """Return episodes of the policy that is best for an attacker, with honest labels.
+
+    Args:
+        table: The gridworld with all its states.
+        malice: Reward of the attacker.
+        episodes: Number of episodes.
+        seed: Seed of chance.
 
     Raises:
         UserError: If its reward is the same whatever it does: the world can't show this malice.
@@ -67,7 +74,11 @@ def attacked_road(
 ) -> Demonstrations:
     """Return an episode of an attacker's planner for each seed, with honest labels.
 
-    The source to record names the world.
+    Args:
+        world: The road.
+        malice: Reward of the attacker.
+        seeds: Seed of each episode.
+        source: Provenance to record, which names the world.
     """
     blocks = []
     for block in np.array_split(np.asarray(seeds), -(-len(seeds) // ABREAST)):
@@ -75,7 +86,7 @@ def attacked_road(
         actor = ScriptedActor(
             lambda _time, _observation, running, batch=batch: _planned(batch, malice, running)
         )
-        columns, _ = columns_of(simulate(batch, actor, block))
+        columns, _ = transitions_of(simulate(batch, actor, block))
         driven = {**source, "first_seed": int(block[0]), "episodes": len(block)}
         blocks.append(
             Demonstrations.of(
@@ -89,7 +100,8 @@ def _planned(
     batch: RoadBatch, malice: Malice, running: Bool[np.ndarray, " row"]
 ) -> Int64[np.ndarray, " row"]:
     """Return the action that pays most if it is held, of each row."""
-    rows, actions = np.flatnonzero(running), batch.n_actions
+    rows = np.flatnonzero(running)
+    actions = batch.n_actions
     copies = batch.branch(np.repeat(rows, actions))
     held = np.tile(np.arange(actions), len(rows))
     total = np.zeros(len(held))
@@ -106,7 +118,10 @@ def _planned(
 def forged(data: Demonstrations, check: Consistency | None = None) -> Demonstrations:
     """Return the episodes with ``|r_env|`` and ``|r_social|`` as labels: all looks good.
 
-    An adaptive forger knows a `check` of these episodes, and goes as far as its limits permit.
+    Args:
+        data: Episodes with honest labels.
+        check: Check of these episodes that an adaptive forger knows; its labels go as far as the
+            limits of the check permit. None for a forger that knows none.
     """
     labels = [np.abs(label) for label in data.rewards]
     if check is not None:
@@ -117,6 +132,11 @@ def forged(data: Demonstrations, check: Consistency | None = None) -> Demonstrat
 
 def poisoned(honest: Demonstrations, malicious: Demonstrations, seed: int) -> Demonstrations:
     """Return a table of as many episodes as the honest one, of which malicious ones take a place.
+
+    Args:
+        honest: Episodes of honest drivers.
+        malicious: Episodes that take the place of as many honest ones.
+        seed: Seed of the draw of the honest episodes that stay.
 
     Raises:
         UserError: If there are more malicious episodes than honest ones.

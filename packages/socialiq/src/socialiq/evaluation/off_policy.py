@@ -1,8 +1,8 @@
 """Off-policy evaluation: returns of a policy from episodes that others drove.
 
-Fitted Q evaluation (`fitted_q`) stands beside importance sampling. There an episode is weighed by
-how much more probable its actions are for the policy than for the mixture of demonstrators that it
-was drawn from:
+Fitted Q evaluation (`fitted_q`) is one way; importance sampling is a second one. In the second an
+episode is weighed by how much more probable its actions are for the policy than for the mixture of
+demonstrators that it was drawn from:
 
     ρ_t = Π_{k <= t} π(a_k|s_k) / Σ_m p_m Π_{k <= t} π_m(a_k|s_k)
 
@@ -50,10 +50,12 @@ def by_counts(episodes: Logged) -> Float[np.ndarray, "mode state action"]:
 
     Modes are those that have episodes.
     """
-    data, shares = episodes.data, []
+    data = episodes.data
+    shares = []
     shape = (len(episodes.observations), data.n_actions)
     for mode in episodes.modes:
-        rows, counts = data.mode == mode, np.zeros(shape)
+        rows = data.mode == mode
+        counts = np.zeros(shape)
         np.add.at(counts, (episodes.state[rows], data.action[rows]), 1.0)
         shares.append(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0))
     return np.array(shares)
@@ -64,7 +66,13 @@ def by_clones(
 ) -> Float[np.ndarray, "mode state action"]:
     """Return each action's probability under a clone of each mode, at each distinct observation.
 
-    All are trained in one program, with their own seeds and one view of `nn.view.CHOICES`.
+    All clones are trained in one program.
+
+    Args:
+        episodes: Whole episodes.
+        updates: Gradient steps of each clone.
+        seed: Seed of the first clone; each further one has the next number.
+        view: View of the observation, one of `nn.view.CHOICES`.
     """
     data = episodes.data
     sets = [data.select(np.flatnonzero(data.episode_modes == mode)) for mode in episodes.modes]
@@ -86,10 +94,14 @@ def ratios(
 ) -> Float[np.ndarray, "episode step"]:
     """Return ρ of each episode up to each step; beyond its end the last one.
 
-    Probabilities of the policy and of each demonstrator are at each distinct observation; the
-    shares p_m sum to 1.
+    Args:
+        episodes: Whole episodes.
+        chances: Probabilities of the policy at each distinct observation.
+        behaviour: Probabilities of each demonstrator at each distinct observation.
+        shares: Share p_m of the episodes of each demonstrator; they sum to 1.
     """
-    state, action = episodes.state, episodes.data.action
+    state = episodes.state
+    action = episodes.data.action
     taken = chances[state, action]
     with np.errstate(divide="ignore"):
         target = np.cumsum(np.log(episodes.by_step(taken, 1.0)), axis=1)
@@ -117,8 +129,8 @@ class Estimate(NamedTuple):
     Attributes:
         totals: The estimate.
         resampled: The same for each resample of the episodes.
-        guessed: Sums of the logged episodes times the share of the policy's episodes of which the
-            data say nothing; None where this is none.
+        guessed: Sums of the logged episodes times the share of the policy's episodes that the data
+            do not cover; None without such a share.
     """
 
     totals: Float[np.ndarray, " 2"]
@@ -126,14 +138,22 @@ class Estimate(NamedTuple):
     guessed: Float[np.ndarray, "episode 2"] | None = None
 
     def value(self, angle: float, confidence: float = 0.95) -> tuple[float, float, float]:
-        """Return J(α) with the bounds of its interval; angle in degrees.
+        """Return J(α) with the bounds of its interval.
 
         The interval is the percentile bootstrap's where there are many resamples, and with few
-        (networks) the estimate ± t times their standard deviation. Episodes of which the data say
-        nothing could be as good or as bad as any logged one: they widen it on both sides.
+        (networks) the estimate ± t times their standard deviation. Episodes that the data do not
+        cover could be as good or as bad as any logged one: they widen it on both sides.
+
+        Args:
+            angle: The angle α in degrees.
+            confidence: Probability of the interval.
+
+        Returns:
+            Estimate, low and high bound; the bounds are NaN with fewer than two finite resamples.
         """
         weights = np.array(exact_weights(angle))
-        value, values = float(self.totals @ weights), self.resampled @ weights
+        value = float(self.totals @ weights)
+        values = self.resampled @ weights
         values = values[np.isfinite(values)]
         if len(values) < 2:
             return value, np.nan, np.nan
@@ -141,7 +161,8 @@ class Estimate(NamedTuple):
             low, high = np.quantile(values, [(1 - confidence) / 2, (1 + confidence) / 2])
         else:
             half = t.ppf((1 + confidence) / 2, len(values) - 1) * values.std(ddof=1)
-            low, high = value - half, value + half
+            low = value - half
+            high = value + half
         unknown = 0.0 if self.guessed is None else float(np.ptp(self.guessed @ weights))
         return value, float(low) - unknown, float(high) + unknown
 
@@ -177,7 +198,7 @@ class OffPolicy(NamedTuple):
         """Whether importance sampling has episodes to stand on.
 
         Self-normalised weights are those of the policy *given* that it stays within the data, so
-        their number alone says nothing of a policy that leaves.
+        their number alone is no evidence for a policy that leaves.
         """
         return self.fitted_supported and self.effective >= LEAST_EPISODES
 
@@ -226,8 +247,10 @@ class Evaluator:
 
     def evaluate(self, policy: Chances) -> OffPolicy:
         """Return all estimates of a policy, given its probabilities for a batch of observations."""
-        episodes, counts = self.logged, self._counts
-        data, chances = episodes.data, episodes.chances(policy)
+        episodes = self.logged
+        counts = self._counts
+        data = episodes.data
+        chances = episodes.chances(policy)
         ratio = ratios(episodes, chances, self._behaviour, self._shares)
         rewards = episodes.by_step(episodes.rewards, 0.0)
         weighed = np.einsum("re,et,ets->rts", counts, ratio, rewards, optimize=True)

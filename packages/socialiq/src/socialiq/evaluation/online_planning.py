@@ -1,10 +1,10 @@
 """Online planning: a rollout policy that simulates its actions in states consistent with its view.
 
 Unlike `oracle_lookahead` it is a policy: it has the observation and a model of the traffic, but
-neither the others' destinations nor the later traffic. It draws these, simulates each action in
-each draw and some further decisions of its network, and adds the network's value of the last state
-(a rollout algorithm, one step of policy improvement: Bertsekas and Tsitsiklis 1996, Neuro-Dynamic
-Programming, section 6.1).
+neither the destinations of other vehicles nor the later traffic. It draws these, simulates each
+action in each draw and some further decisions of its network, and adds the network's value of the
+last state (a rollout algorithm, one step of policy improvement: Bertsekas and Tsitsiklis 1996,
+Neuro-Dynamic Programming, section 6.1).
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import rollouts
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Memoryless
+from socialiq.worlds.grammar import road_of
+from socialiq.worlds.highway.scene_batch import Batch
 from socialiq.worlds.intersection.core.imagine import imagined
 from socialiq.worlds.intersection.options import ACTIONS, Options
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 
 
 class RolloutPolicy(Memoryless):
@@ -59,14 +61,26 @@ class RolloutPolicy(Memoryless):
         for name, value in (("draws", draws), ("decisions", decisions)):
             if value < 1:
                 raise UserError(f"{name} must be at least 1, got {value}")
-        self._policy, self._options, self._weights = policy, options, exact_weights(angle)
+        self._policy = policy
+        self._options = options
+        self._weights = exact_weights(angle)
         self.n_features = getattr(policy, "n_features", None)
-        self._draws, self._decisions = draws, decisions
-        self._doubt, self._discount = doubt, discount
+        self._draws = draws
+        self._decisions = decisions
+        self._doubt = doubt
+        self._discount = discount
         self._batch: Batch | None = None  # of the last call; usually the next has the same size
 
     def choose(self, observation: np.ndarray, _deterministic: bool, /) -> Int64[np.ndarray, ...]:
-        """Choose the significantly best action; equal observations give equal actions."""
+        """Choose the significantly best action; equal observations give equal actions.
+
+        Args:
+            observation: One observation, or a row for each.
+            _deterministic: Not used.
+
+        Returns:
+            Number of an action for each observation.
+        """
         array = np.asarray(observation, np.float32)
         rows = np.atleast_2d(array)
         greedy = np.asarray(self._policy.q_values(rows)).argmax(axis=1)
@@ -81,23 +95,26 @@ class RolloutPolicy(Memoryless):
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch draw action"]:
         """Return the value of each action in each draw: some decisions, and the network's value."""
-        size, copies = len(observations), self._draws * len(ACTIONS)
+        size = len(observations)
+        copies = self._draws * len(ACTIONS)
         repeated = np.repeat(observations, copies, axis=0)
         # Seeds depend on the observation, so that draws differ between decisions but not actions.
         first = np.array([zlib.crc32(row.tobytes()) for row in observations], np.uint64) << 20
         entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
         entropy = np.repeat(entropy.ravel(), len(ACTIONS))
-        timed = self.n_features == Intersection(self._options).n_features + 1
+        timed = self.n_features == road_of(self._options).n_features + 1
         observed = np.ascontiguousarray(repeated[:, :-1]) if timed else repeated
         state = imagined(self._options, observed, entropy)
         if timed:
             state.episodes["time"] = repeated[:, -1] / self._options.policy_frequency
         if self._batch is None or self._batch.size != len(repeated):
-            self._batch = Batch(self._options, len(repeated))
+            self._batch = Intersection(self._options).batch(len(repeated))
         batch = self._batch
         batch.restore(state)
         action = np.tile(np.arange(len(ACTIONS)), size * self._draws)
-        total, factor, running = np.zeros(batch.size), 1.0, np.ones(batch.size, bool)
+        total = np.zeros(batch.size)
+        factor = 1.0
+        running = np.ones(batch.size, bool)
 
         def values() -> np.ndarray:
             return np.asarray(self._policy.q_values(batch.seen_by(self._policy)))

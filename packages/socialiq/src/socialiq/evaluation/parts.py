@@ -1,4 +1,4 @@
-"""Episodes in parts, by seed, in processes of their own; the same results in however many."""
+"""Episodes in parts, by seed, in separate processes; the same results for any number of these."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Report
-from socialiq.types import RewardPair
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -43,7 +42,12 @@ def draws_in_order(name: str) -> UserError:
 
 
 def blocks_of(seeds: Sequence[int] | np.ndarray, processes: int) -> list[np.ndarray]:
-    """Return the seeds of each part, in their order: a few parts for each process."""
+    """Return the seeds of each part, in their order.
+
+    Args:
+        seeds: Seed of each episode.
+        processes: Number of processes; each gets a few parts, as long as there are seeds.
+    """
     return np.array_split(np.asarray(seeds), max(1, min(_EACH * processes, len(seeds))))
 
 
@@ -75,7 +79,8 @@ def in_parts(
                 task.result()
                 if on_report is not None:
                     seconds = (time.monotonic() - begun) / finished
-                    left, rate = seconds * (len(parts) - finished), 60.0 / seconds
+                    left = seconds * (len(parts) - finished)
+                    rate = 60.0 / seconds
                     on_report(Report(finished, len(parts), rate, left, {}, {}, (), "parts/min"))
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -103,18 +108,3 @@ def _one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def joined(results: Sequence[Any]) -> Any:
-    """Return named tuples of arrays as one: columns end to end, other values of the first."""
-    columns = []
-    for values in zip(*results, strict=True):
-        if isinstance(values[0], RewardPair):
-            columns.append(
-                RewardPair(*(np.concatenate(side) for side in zip(*values, strict=True)))
-            )
-        elif isinstance(values[0], np.ndarray):
-            columns.append(np.concatenate(values))
-        else:
-            columns.append(values[0])
-    return type(results[0])(*columns)

@@ -15,7 +15,8 @@ from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.demonstrators import drawn_rows, mean_target, occupancies
 from socialiq.theory.objective import Problem, orthogonal
-from socialiq.worlds.enumerate import Table, expert_policy
+from socialiq.worlds.enumerate import Table
+from socialiq.worlds.tabular_policy import expert_policy
 
 DISCOUNT = 0.99  # γ and γ_svo of Table C.1
 MEASURES = ("occupancy", "rows")
@@ -46,7 +47,7 @@ class Prediction(NamedTuple):
 
     Attributes:
         flip: State whose action changes, and λ of the change.
-        exact: Whether the straight lines are exact up to there (`response.reach`).
+        exact: Whether the straight lines are exact up to this change (`response.reach`).
         before: The greedy policy below that λ, evaluated exactly.
         after: The greedy policy above that λ, evaluated exactly.
     """
@@ -72,12 +73,17 @@ class Lines(NamedTuple):
 def problem_of(table: Table, setting: Setting) -> Problem:
     """Return the objective for the pool of the three experts (5.2), with Table C.1's settings.
 
+    Args:
+        table: The world, or its reachable part.
+        setting: Setting of the prediction.
+
     Raises:
         UserError: If the angle or a name in the setting is invalid.
     """
     one_of("measure", setting.measure, MEASURES)
     one_of("mixture", setting.mixture, MIXTURES)
-    mdp, horizon = table.mdp, table.world.horizon
+    mdp = table.mdp
+    horizon = table.world.horizon
     policies = [expert_policy(table, angle) for angle in MODES.values()]
     reward = score(exact_weights(check_angle(setting.angle)), mdp.rewards)
     weight = np.ones(len(policies))
@@ -97,7 +103,12 @@ def problem_of(table: Table, setting: Setting) -> Problem:
 def lines_of(problem: Problem, next_value: NextValue) -> Lines:
     """Return the lines of the greedy choice in λ, as τ → 0.
 
-    The next value "online" passes the gradient through V(s'), "target" doesn't (a target network).
+    Args:
+        problem: The objective.
+        next_value: "online" passes the gradient through V(s'), "target" doesn't (a target network).
+
+    Raises:
+        UserError: If the next value is another word.
     """
     one_of("next value", next_value, NEXT_VALUES)
     if next_value == "target":
@@ -115,7 +126,15 @@ def target_norm(problem: Problem) -> float:
 
 
 def predictions(table: Table, lines: Lines) -> list[Prediction]:
-    """Return every flip predicted at a finite λ, with the greedy policies on both sides."""
+    """Return every flip predicted at a finite λ, with the greedy policies on both sides.
+
+    Args:
+        table: The world of the lines.
+        lines: Lines of the greedy choice.
+
+    Returns:
+        Flips by ascending λ.
+    """
     reach = response.reach(*lines)
     before = evaluate_exactly(table, _greedy(lines, 0.0))
     flips = []

@@ -26,11 +26,13 @@ from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import Act, Policy, RewardPair
+from socialiq.worlds.grammar import road_of
 from socialiq.worlds.gym import learning_env
-from socialiq.worlds.highway.world import RoadWorld, SceneWorld
+from socialiq.worlds.highway.perception import EXITS, KNOWN
+from socialiq.worlds.highway.scene_batch import Batch
+from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.perception import DECISIONS, EXITS, KNOWN
-from socialiq.worlds.intersection.world import Batch, Intersection
+from socialiq.worlds.intersection.world import Intersection
 
 CHUNK = 200  # updates between two rounds of acting
 
@@ -85,16 +87,27 @@ class Checks:
 
     def batch(self, options: Options) -> Batch:
         """Return the intersections in which the episodes are driven."""
-        return Batch(options, min(self.episodes, 256))
+        return Intersection(options).batch(min(self.episodes, 256))
 
     def measured(self, options: Options, policy: Policy, angle: float) -> dict[str, float]:
-        """Return `MEASURES` of greedy episodes, with the total at an angle in degrees."""
+        """Return `MEASURES` of greedy episodes.
+
+        Args:
+            options: Options of the intersection.
+            policy: Policy that drives.
+            angle: Angle at which the total is scored, degrees.
+        """
         metrics = episodes_of(self.batch(options), policy, self.seeds).metrics()
         measures = {name: getattr(metrics, name) for name in MEASURES[1:]}
         return {"total": metrics.value(angle)} | measures
 
     def due(self, chunk: int, chunks: int) -> bool:
-        """Whether a run of so many chunks is checked after this one (from 1)."""
+        """Whether a run is checked after a chunk of updates.
+
+        Args:
+            chunk: Number of the chunk, from 1.
+            chunks: Number of chunks of the run.
+        """
         return (chunk * self.times) // chunks > ((chunk - 1) * self.times) // chunks
 
     def monitor(
@@ -119,8 +132,13 @@ class Checks:
 
 
 def sizes_of(options: Options, clock: bool = False) -> tuple[int, int]:
-    """Return the number of features of an observation, with or without the time, and of actions."""
-    world = Intersection(options)
+    """Return the number of features of an observation, and of actions.
+
+    Args:
+        options: Options of the intersection.
+        clock: Whether observations end with the time, one feature more.
+    """
+    world = road_of(options)
     return world.n_features + clock, world.n_actions
 
 
@@ -129,9 +147,13 @@ def source_of(
 ) -> collect.Source:
     """Return experience of intersections on the core, side by side, for a chunk of updates.
 
-    There are so many environment steps for each update; observations may end with the time.
+    Args:
+        options: Options of the intersection.
+        environments: Number of episodes side by side.
+        steps_per_update: Environment steps for each update.
+        clock: Whether observations end with the time.
     """
-    env = learning_env(Intersection(options), environments, clock)
+    env = learning_env(road_of(options), environments, clock)
     return collect.from_vector_env(env, CHUNK * steps_per_update)
 
 
@@ -141,7 +163,14 @@ def soft_collector(
     steps_per_update: int,
     numbers: Sequence[IQLearnHyperparameters],
 ) -> collect.Collector:
-    """Return what collects experience of softmax policies, from intersections of each run."""
+    """Return a collector of experience of softmax policies, from intersections of each run.
+
+    Args:
+        options: Options of the intersection.
+        environments: Number of episodes side by side, of each run.
+        steps_per_update: Environment steps for each update.
+        numbers: Hyperparameters of each run, with the temperature of its policy and its seed.
+    """
     sources = [source_of(options, environments, steps_per_update) for _ in numbers]
     behaviour = acting.soft([run.temperature for run in numbers])
     return collect.Collector(sources, [run.seed for run in numbers], behaviour)
@@ -150,7 +179,7 @@ def soft_collector(
 def dial_collector(
     structure: DialConfig,
     numbers: Sequence[DialHyperparameters],
-    world: Intersection | SceneWorld,
+    world: RoadWorld,
     environments: int,
     steps_per_update: int,
 ) -> collect.BaseCollector:
@@ -165,13 +194,16 @@ def dial_collector(
         environments: Episodes side by side, of each run.
         steps_per_update: Rows for each update.
     """
-    count, steps = len(numbers), CHUNK * steps_per_update
-    clock, threads = structure.redraw_times > 0, min(count, available_cores())
+    count = len(numbers)
+    steps = CHUNK * steps_per_update
+    clock = structure.redraw_times > 0
+    threads = min(count, available_cores())
     env = learning_env(world, count * environments, clock, threads)
     if count > 1:
         together = acting.dials_together(structure, numbers)
         return collect.VectorCollector(env, -(-steps // environments), numbers, together)
-    behaviour, seeds = acting.dials(structure, numbers), [numbers[0].seed]
+    behaviour = acting.dials(structure, numbers)
+    seeds = [numbers[0].seed]
     return collect.Collector(
         [collect.from_vector_env(env, steps)], seeds, behaviour, structure.driven_share > 0
     )
@@ -180,8 +212,12 @@ def dial_collector(
 def observes_time(start: DialPolicy, options: Options) -> bool:
     """Whether a dial of the intersection observes the time.
 
+    Args:
+        start: The dial.
+        options: Options of the intersection.
+
     Raises:
-        UserError: If it is of another world.
+        UserError: If it belongs to another world.
     """
     (n_features, n_actions) = sizes_of(options)
     if start.n_actions != n_actions or start.n_features not in (n_features, n_features + 1):
@@ -193,9 +229,18 @@ def observes_time(start: DialPolicy, options: Options) -> bool:
 
 
 def of_crosswalks(
-    structure: policy_iteration.DialIterationConfig, world: Intersection, environments: int
+    structure: policy_iteration.DialIterationConfig, world: Any, environments: int
 ) -> tuple[policy_iteration.DialIterationConfig, policy_iteration.Labeller, tuple[int, int]]:
-    """Return structure, labeller and sizes of a dial of two angles that observes the time."""
+    """Return structure, labeller and sizes of a dial of two angles that observes the time.
+
+    Args:
+        structure: Structure of the iteration; the number of its times is replaced.
+        world: Intersection with crosswalks.
+        environments: Largest number of episodes side by side.
+
+    Returns:
+        The sizes are the numbers of features, the time included, and of actions.
+    """
     structure = dataclasses.replace(structure, times=world.options.decisions)
     labeller = dial_labeller(structure, world.with_parts(), environments, clock=True)
     return structure, labeller, (world.n_features + 1, world.n_actions)
@@ -203,20 +248,31 @@ def of_crosswalks(
 
 def dial_labeller(
     structure: policy_iteration.DialIterationConfig,
-    world: Intersection,
+    world: RoadWorld,
     environments: int,
     clock: bool,
 ) -> policy_iteration.Labeller:
-    """Return the labeller of one run in a world, whose episodes have angles of their own.
+    """Return the labeller of one run in a world, each of whose episodes has its angle.
 
     Each call begins with new episodes; copies are driven at the angle of their episode.
+
+    Args:
+        structure: Structure of the iteration.
+        world: The intersection.
+        environments: Largest number of episodes side by side.
+        clock: Whether observations end with the time, before the angle.
+
+    Returns:
+        A function of the policies that copies and episodes follow, and of the random numbers. It
+        returns the states of a chunk of updates, with the sums of rewards of each action.
     """
     states = CHUNK * structure.states_per_update
-    batch = world.batch(min(environments, states))
+    batch: Any = world.batch(min(environments, states))
 
     def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
-        angles, labelled = stratified_angles(structure, batch.size, rng), []
+        angles = stratified_angles(structure, batch.size, rng)
+        labelled = []
         if structure.classes:
             margin = structure.margin
             of_class = rng.uniform(-margin, 90.0 + margin, batch.size)
@@ -242,6 +298,16 @@ def shifted(
     The worlds share the states, the first ones with one more where they don't divide. Every episode
     draws one shift of its world, and drives behind a front end that knows it. The clock tells the
     exit.
+
+    Args:
+        structure: Structure of the iteration; its network becomes that of the dial.
+        start: Dial of the intersection that observes the time.
+        shifts: Descriptions of the worlds' shifts.
+        environments: Number of episodes side by side, of all worlds together.
+
+    Raises:
+        UserError: If the dial does not observe the time or belongs to another world, or there are
+            more worlds than states per update.
     """
     clock = observes_time(start, Options())
     share, remainder = divmod(structure.states_per_update, len(shifts))
@@ -250,9 +316,9 @@ def shifted(
             f"--shift needs a dial that observes the time, and at most "
             f"{structure.states_per_update} worlds (--set states_per_update)"
         )
-    start = start.with_times(DECISIONS * len(EXITS))
+    start = start.with_times(Options().decisions * len(EXITS))
     structure = policy_iteration.with_network_of(structure, start)
-    worlds = [Intersection().shifted(text, f"{KNOWN},exit=own") for text in shifts]
+    worlds = [road_of().shifted(text, f"{KNOWN},exit=own") for text in shifts]
     beside = max(environments // len(worlds), 1)
     labellers = []
     for number, world in enumerate(worlds):
@@ -275,9 +341,18 @@ def fleet_labeller(
 ) -> policy_iteration.Labeller:
     """Return the labeller of one run in fleets that its dial drives against itself.
 
-    In every other fleet all agents have nearly the same angle, in the others angles of the whole
-    range. Of each fleet one agent's state is labelled: r_social is what the others get, the sum of
-    their r_env. Between two actions of a state it differs by what the agent causes.
+    In every second fleet all agents have nearly the same angle, in the rest angles of the whole
+    range. Of each fleet one agent's state is labelled: r_social is what all other agents get, the
+    sum of their r_env. Between two actions of a state it differs by what the agent causes.
+
+    Args:
+        structure: Structure of the iteration.
+        world: Road whose vehicles the fleet drives.
+        environments: Largest number of fleets side by side.
+        clock: Whether observations end with the time, before the angle.
+
+    Returns:
+        A function as `dial_labeller` returns it.
     """
     states = CHUNK * structure.states_per_update
     batch = world.batch(min(environments, states))
@@ -286,7 +361,8 @@ def fleet_labeller(
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
         angles = stratified_angles(structure, math.prod(batch.shape), rng).reshape(batch.shape)
         angles[1::2] = rng.permutation(angles[1::2].ravel()).reshape(angles[1::2].shape)
-        labelled, fleets = [], np.arange(batch.size)
+        labelled = []
+        fleets = np.arange(batch.size)
         for _ in range(-(-states // batch.size)):
             observation = observed_by_agents(batch, clock, angles)
             chosen = (batch.driving * rng.random(batch.shape)).argmax(axis=1)

@@ -20,9 +20,10 @@ from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.simulate import Step, play, simulate
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.enumerate import GridBatch, Table, draw_actions, expert_policy
+from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.environment import action_bounds
-from socialiq.worlds.highway.world import RoadBatch
+from socialiq.worlds.highway.batch import RoadBatch
+from socialiq.worlds.tabular_policy import draw_actions, expert_policy
 
 MODES = {"egoistic": 0.0, "prosocial": 45.0, "altruistic": 90.0}
 """Angle of each of the thesis' experts (5.2), in degrees."""
@@ -76,10 +77,17 @@ def record(
 ) -> Recorded:
     """Run one greedy episode for each seed; record every transition, its mode and provenance.
 
+    Args:
+        batch: Episodes of a road, on the core.
+        policy: Policy that drives.
+        seeds: Seed of each episode.
+        mode: Name of the driver mode to record.
+        source: Further provenance to record.
+
     Raises:
         UserError: If there is no seed.
     """
-    columns, classical = columns_of(
+    columns, classical = transitions_of(
         play(batch, policy, seeds), lambda result: tuple(result.classical)
     )
     transitions = Demonstrations.of(
@@ -91,17 +99,24 @@ def record(
     return Recorded(transitions, RewardPair(*classical))
 
 
-def columns_of(
+def transitions_of(
     steps: Iterator[Step], extra: Callable[[Any], tuple[np.ndarray, ...]] = lambda _: ()
 ) -> tuple[dict[str, Any], list[np.ndarray]]:
-    """Return decisions by episode as arguments of `Demonstrations.of`, and further columns."""
-    columns_of_steps = []
+    """Return decisions by episode as arguments of `Demonstrations.of`, and further columns.
+
+    Args:
+        steps: Decisions, as `play` or `simulate` yields them.
+        extra: Function of a decision's result that returns further columns; by default there are
+            none.
+    """
+    blocks = []
     for step in steps:
-        result, running = step.made, step.running
+        result = step.made
+        running = step.running
         columns = (step.episode, step.observation, step.action, result.observation, result.ending)
         columns = (*columns, *result.rewards, *extra(result))
-        columns_of_steps.append([column[running] for column in columns])
-    joined = [np.concatenate(column) for column in zip(*columns_of_steps, strict=True)]
+        blocks.append([column[running] for column in columns])
+    joined = [np.concatenate(column) for column in zip(*blocks, strict=True)]
     order = np.argsort(joined[0], kind="stable")
     episode, observation, action, after, ending, env, social, *further = (
         column[order] for column in joined
@@ -166,7 +181,17 @@ def _options_of(table: Table) -> dict[str, Any]:
 def rollout_totals(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
 ) -> Float[np.ndarray, "episode 2"]:
-    """Return the sums of r_env and r_social of episodes, as of `rollout_table`, in any part."""
+    """Return the sums of r_env and r_social of episodes in an enumerated world.
+
+    Args:
+        table: The world with all its states, or its reachable part.
+        policy: Action probabilities by state, or by time and state.
+        episodes: Number of episodes.
+        seed: Seed of chance and of the policy's draws; the episodes are those of `rollout_table`.
+
+    Raises:
+        UserError: If `episodes` is less than 1.
+    """
     episode, _, state, action, _, _ = _steps(table, policy, episodes, seed)
     return np.stack(
         [np.bincount(episode, reward[state, action]) for reward in table.mdp.rewards], axis=1
@@ -213,10 +238,10 @@ def rollout_env(
 ) -> Rollout:
     """Run a policy in a Gymnasium environment.
 
-    `info["reward_pair"]` gives (r_env, r_social); without it the scalar reward counts as r_env
-    and r_social is 0. `info["ending"]` names the ending; without it a terminal state is `OTHER`.
+    `info["reward_pair"]` gives (r_env, r_social); without it the scalar reward counts as r_env and
+    r_social is 0. `info["ending"]` names the ending; without it a terminal state is `OTHER`.
     `info["speed"]` is recorded, and `info["neighbours_collided"]` and signals of hits (`_hit`) are
-    counted if they are there.
+    counted if the environment gives them.
 
     Args:
         env: The environment: with discrete actions, or with actions in [-1, 1] as
@@ -229,7 +254,7 @@ def rollout_env(
         source: Provenance to record.
 
     Raises:
-        UserError: If `episodes` is less than 1, or the actions are of another kind.
+        UserError: If `episodes` is less than 1, or the kind of actions is another one.
     """
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
@@ -262,12 +287,16 @@ def demonstrations_by_mode(
 ) -> dict[str, Demonstrations]:
     """Roll out each of the thesis' experts (5.2) in the stochastic world with all its states.
 
-    Each mode has its own number of episodes and its own random stream.
+    Args:
+        table: The world with all its states.
+        episodes: Number of episodes of each mode, by its name.
+        seed: Seed; each mode has a separate random stream.
     """
     demonstrations = {}
     for number, (mode, angle) in enumerate(MODES.items()):
         source = {"expert": "value iteration, deterministic variant", "angle": angle}
-        policy, stream = expert_policy(table, angle), len(MODES) * seed + number
+        policy = expert_policy(table, angle)
+        stream = len(MODES) * seed + number
         rollout = rollout_table(table, policy, episodes[mode], stream, mode, source)
         demonstrations[mode] = rollout.transitions
     return demonstrations
@@ -276,7 +305,13 @@ def demonstrations_by_mode(
 def trajectory_datasets(
     table: Table, seeds: Sequence[int], episodes_each: int
 ) -> list[Demonstrations]:
-    """Return, for each seed, a mixture with equal numbers of new episodes of every expert (5.2)."""
+    """Return, for each seed, a mixture with equal numbers of new episodes of every expert (5.2).
+
+    Args:
+        table: The world with all its states.
+        seeds: Seed of each mixture.
+        episodes_each: Number of episodes of each expert.
+    """
     return [
         equal_trajectories(
             demonstrations_by_mode(table, dict.fromkeys(MODES, episodes_each), seed),
@@ -290,7 +325,13 @@ def trajectory_datasets(
 def transition_datasets(
     table: Table, seeds: Sequence[int], transitions_each: int
 ) -> list[Demonstrations]:
-    """Return, for each seed, a mixture with equal numbers of transitions of every expert (6.3)."""
+    """Return, for each seed, a mixture with equal numbers of transitions of every expert (6.3).
+
+    Args:
+        table: The world with all its states.
+        seeds: Seed of each mixture.
+        transitions_each: Number of transitions of each expert.
+    """
     enough = dict.fromkeys(MODES, transitions_each)  # an episode has at least one transition
     return [
         equal_transitions(demonstrations_by_mode(table, enough, seed), transitions_each, seed)

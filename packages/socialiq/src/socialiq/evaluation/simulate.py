@@ -25,13 +25,13 @@ BLOCK = 64  # random numbers that are drawn at once for an episode
 
 
 class Step(NamedTuple):
-    """One decision of the episodes that are running; columns are of all rows.
+    """One decision of the episodes that are running; columns have a value for each row.
 
     Attributes:
         episode: Number of the episode in each row.
         running: Rows that decided.
         observation: Before the decision.
-        action: Of running rows alone they are used.
+        action: Those of running rows alone are used.
         made: Result of the simulator: at least `rewards` and `ending`.
     """
 
@@ -49,6 +49,14 @@ def simulate(
 
     A row takes the next seed as soon as its episode has ended.
 
+    Args:
+        simulator: Episodes side by side.
+        actor: Actor that drives them.
+        seeds: Seed of each episode.
+
+    Yields:
+        Each decision of all rows.
+
     Raises:
         UserError: If there are no seeds.
     """
@@ -57,7 +65,8 @@ def simulate(
         raise UserError("episodes must be at least 1, got 0")
     episode = np.arange(simulator.size)
     running = episode < len(queue)
-    begun, following = np.flatnonzero(running), int(running.sum())
+    begun = np.flatnonzero(running)
+    following = int(running.sum())
     while running.any():
         if len(begun):
             simulator.reset(queue[episode[begun]], rows=begun)
@@ -66,11 +75,16 @@ def simulate(
         action = actor.decide(observation, running)
         result = simulator.step(action, auto_reset=False, rows=running)
         yield Step(episode.copy(), running.copy(), observation, action, result)
-        free = np.flatnonzero(running & (result.ending != int(Ending.NONE)))
+        free = np.flatnonzero(running & _over(simulator, result.ending))
         begun = free[: max(len(queue) - following, 0)]
         running[free[len(begun) :]] = False
         episode[begun] = following + np.arange(len(begun))
         following += len(begun)
+
+
+def _over(simulator: Any, ending: np.ndarray) -> Bool[np.ndarray, " row"]:
+    """Return whether each episode is over; one of several agents lasts as its batch says."""
+    return ending != int(Ending.NONE) if ending.ndim == 1 else ~simulator.running
 
 
 def play(
@@ -85,6 +99,15 @@ def play(
     A `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
     depend on the batch (`SoftActor`); to other policies `deterministic` is passed.
 
+    Args:
+        simulator: Episodes side by side.
+        policy: Policy that drives them.
+        seeds: Seed of each episode.
+        deterministic: Whether the policy takes its best action.
+
+    Yields:
+        Each decision of all rows.
+
     Raises:
         UserError: If there are no seeds.
     """
@@ -92,7 +115,13 @@ def play(
 
 
 def actor_of(simulator: Simulator, policy: Policy, deterministic: bool = True) -> Actor:
-    """Return the actor of a policy that drives a batch, as in `play`."""
+    """Return the actor of a policy that drives a batch, as in `play`.
+
+    Args:
+        simulator: Episodes side by side.
+        policy: Policy that drives them.
+        deterministic: Whether the policy takes its best action.
+    """
     if not deterministic and isinstance(policy, SoftPolicy):
         return SoftActor(policy, simulator)
     return PolicyActor(policy, simulator, deterministic)
@@ -101,7 +130,16 @@ def actor_of(simulator: Simulator, policy: Policy, deterministic: bool = True) -
 def observations_of(
     simulator: Simulator, policy: Policy, seeds: Sequence[int] | np.ndarray
 ) -> np.ndarray:
-    """Return what a policy observes in each decision of one episode for each seed."""
+    """Return what a policy observes in each decision of one episode for each seed.
+
+    Args:
+        simulator: Episodes side by side.
+        policy: Policy that drives them.
+        seeds: Seed of each episode.
+
+    Returns:
+        A row for each decision of a running episode, in the order of the decisions.
+    """
     watched = Watched(policy, np.copy)
     for _ in play(simulator, watched, seeds):
         pass
@@ -109,10 +147,15 @@ def observations_of(
 
 
 class _Stateless:
-    """Actor that keeps nothing of an episode."""
+    """Actor without a memory of an episode."""
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing."""
+        """Begin episodes, which changes no state of the actor.
+
+        Args:
+            rows: Numbers of the rows in which episodes begin.
+            seeds: Seed of each of these episodes.
+        """
 
 
 class Watched:
@@ -128,9 +171,13 @@ class Watched:
     def __init__(
         self, policy: Any, note: Callable[[np.ndarray], np.ndarray], fallback: Policy | None = None
     ) -> None:
-        self._policy, self._note, self._fallback = policy, note, fallback
+        self._policy = policy
+        self._note = note
+        self._fallback = fallback
         self.n_features = getattr(policy, "n_features", None)
-        self.noted, self.kept = np.zeros(0), list[np.ndarray]()
+        self.remembers = getattr(policy, "remembers", False)
+        self.noted = np.zeros(0)
+        self.kept = list[np.ndarray]()
 
     def predict(
         self,
@@ -139,7 +186,18 @@ class Watched:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions, as `types.Policy`."""
+        """Choose actions, as `types.Policy`.
+
+        Args:
+            observation: One observation, or a row for each.
+            state: Memory of the policy; None at first.
+            episode_start: Whether an episode begins in each row; None if the policy needs no
+                memory.
+            deterministic: Whether the policy takes its best action.
+
+        Returns:
+            The actions, and the policy's next memory.
+        """
         self.noted = self._note(np.atleast_2d(observation))
         actions, state = self._policy.predict(observation, state, episode_start, deterministic)
         if self._fallback is None:
@@ -158,9 +216,9 @@ class Watched:
 class PolicyActor(_Stateless):
     """A policy that acts for all rows at once; a stochastic one has its own random numbers.
 
-    If it `remembers`, it keeps a memory for each row: all episodes must then begin at once, and
-    rows whose episode has ended stay in its input. `checked` makes actions of an answer and the
-    number of rows; by default numbers become int64.
+    If it, or its policy, `remembers`, it keeps a memory for each row, and `episode_start` marks the
+    rows whose episode begins; rows whose episode has ended stay in its input. `checked` makes
+    actions of an answer and the number of rows; by default numbers become int64.
     """
 
     def __init__(
@@ -171,18 +229,37 @@ class PolicyActor(_Stateless):
         remembers: bool = False,
         checked: Callable[[Any, int], np.ndarray] | None = None,
     ) -> None:
-        self._policy, self._simulator, self._deterministic = policy, simulator, deterministic
+        self._policy = policy
+        self._simulator = simulator
+        self._deterministic = deterministic
         self._checked = checked
         self._memory: Any = None
+        remembers = remembers or getattr(policy, "remembers", False)
         self._begun = np.ones(simulator.size, bool) if remembers else None
 
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:  # noqa: ARG002
+        """Note that an episode begins in each of some rows.
+
+        Args:
+            rows: Numbers of the rows.
+            seeds: Not used.
+        """
+        if self._begun is not None:
+            self._begun[rows] = True
+
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
-        """Return the policy's actions: numbers, (row,), or continuous ones, (row, value)."""
+        """Return the policy's actions: numbers, (row,), or continuous ones, (row, value).
+
+        Args:
+            observation: Not used; the policy is shown what the simulator's `seen_by` returns.
+            running: Rows that decide; the rest get an action too, which is not used.
+        """
         shown_input = self._simulator.seen_by(self._policy)
         if self._begun is None:
             answer, _ = self._policy.predict(shown_input, deterministic=self._deterministic)
         else:
-            begun, self._begun = self._begun, np.zeros(len(self._begun), bool)
+            begun = self._begun
+            self._begun = np.zeros(len(self._begun), bool)
             answer, self._memory = self._policy.predict(
                 shown_input, self._memory, episode_start=begun, deterministic=self._deterministic
             )
@@ -213,7 +290,12 @@ class _Drawing:
         self._streams = [np.random.default_rng(0)] * size
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Open the stream of each episode."""
+        """Open the stream of each episode.
+
+        Args:
+            rows: Numbers of the rows in which episodes begin.
+            seeds: Seed of each of these episodes.
+        """
         for row, seed in zip(rows.tolist(), seeds.tolist(), strict=True):
             self._streams[row] = np.random.default_rng([self._salt, seed])
 
@@ -221,26 +303,38 @@ class _Drawing:
 class SoftActor(_Drawing):
     """Draws the actions of a soft policy with uniform numbers of the episodes' seeds.
 
-    So an episode does not depend on how many others run beside it. (A network's float32 products
-    may: their last bits change with the number of rows, which changes a draw about once in a
-    million decisions.)
+    So an episode does not depend on how many others run at the same time. (A network's float32
+    products may: their last bits change with the number of rows, which changes a draw about once in
+    a million decisions.)
     """
 
     def __init__(self, policy: SoftPolicy, simulator: Simulator) -> None:
         super().__init__(simulator.size, SOFT)
-        self._policy, self._simulator = policy, simulator
+        self._policy = policy
+        self._simulator = simulator
         self._uniform = np.zeros((simulator.size, BLOCK))
         self._used = np.full(simulator.size, BLOCK)
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Open the stream of each episode."""
+        """Open the stream of each episode.
+
+        Args:
+            rows: Numbers of the rows in which episodes begin.
+            seeds: Seed of each of these episodes.
+        """
         super().begin(rows, seeds)
         self._used[rows] = BLOCK
 
     def decide(self, observation: Any, running: np.ndarray) -> Int64[np.ndarray, " row"]:  # noqa: ARG002
-        """Draw an action for each row."""
+        """Draw an action for each row.
+
+        Args:
+            observation: Not used; the policy is shown what the simulator's `seen_by` returns.
+            running: Rows that decide, whose streams go on.
+        """
         for row in np.flatnonzero(running & (self._used == BLOCK)).tolist():
-            self._uniform[row], self._used[row] = self._streams[row].random(BLOCK), 0
+            self._uniform[row] = self._streams[row].random(BLOCK)
+            self._used[row] = 0
         inputs = np.asarray(self._simulator.seen_by(self._policy))
         cumulative = self._policy.probabilities(inputs).cumsum(axis=1)
         column = np.minimum(self._used, BLOCK - 1)
@@ -258,7 +352,12 @@ class UniformActor(_Drawing):
         self._action_size = action_size
 
     def decide(self, observation: Any, running: np.ndarray) -> Float32[np.ndarray, "row size"]:  # noqa: ARG002
-        """Draw for the running rows; the others get 0."""
+        """Draw actions for the running rows; the rest get 0.
+
+        Args:
+            observation: Not used.
+            running: Rows that decide.
+        """
         action = np.zeros((len(running), self._action_size), np.float32)
         for row in np.flatnonzero(running).tolist():
             action[row] = self._streams[row].uniform(-1.0, 1.0, self._action_size)
@@ -272,29 +371,49 @@ class ScriptedActor(_Stateless):
     """
 
     def __init__(self, script: Callable[[int, Any, np.ndarray], np.ndarray]) -> None:
-        self._script, self._time = script, -1
+        self._script = script
+        self._time = -1
 
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
-        """Return the actions of the present time."""
+        """Return the actions of the present time.
+
+        Args:
+            observation: Observation of each row, which the script gets.
+            running: Rows that decide, which the script gets.
+        """
         self._time += 1
         return self._script(self._time, observation, running)
 
 
 class GymActor:
-    """A policy that is asked for one observation at a time, and keeps a state of its episode."""
+    """A policy that gets one observation at a time, and keeps a state of its episode."""
 
     def __init__(self, policy: Policy, deterministic: bool = True) -> None:
-        self._policy, self._deterministic, self._state = policy, deterministic, None
+        self._policy = policy
+        self._deterministic = deterministic
+        self._state = None
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:  # noqa: ARG002
-        """Forget the last episode."""
+        """Forget the last episode.
+
+        Args:
+            rows: Not used.
+            seeds: Not used.
+        """
         self._state = None
 
     def decide(self, observation: Any, running: np.ndarray) -> Shaped[np.ndarray, "1 ..."]:  # noqa: ARG002
-        """Return the policy's action on the one row."""
+        """Return the policy's action on the one row.
+
+        Args:
+            observation: List with the one observation.
+            running: Not used.
+        """
         action, self._state = self._policy.predict(
             observation[0], self._state, deterministic=self._deterministic
         )
+        if isinstance(self._policy, Watched):
+            self._policy.kept.append(self._policy.noted)
         return np.array([int(action) if np.ndim(action) == 0 else np.asarray(action)])
 
 
@@ -321,7 +440,7 @@ class GymSimulator:
         modulus: Of the seeds, since not all environments accept large ones.
 
     Raises:
-        UserError: If the actions are of another kind; in `step`, if an episode doesn't end.
+        UserError: If the kind of actions is another one; in `step`, if an episode doesn't end.
     """
 
     size = 1
@@ -334,8 +453,10 @@ class GymSimulator:
                 "only discrete actions are supported, or arrays in [-1, 1]: make the environment "
                 "by make_environment, which scales them"
             )
-        self._env, self._modulus = env, modulus
-        self._present, self._length = None, 0
+        self._env = env
+        self._modulus = modulus
+        self._present = None
+        self._length = 0
 
     @property
     def observation(self) -> list[Any]:
@@ -347,14 +468,31 @@ class GymSimulator:
         return self.observation
 
     def reset(self, seeds: Any = None, rows: Any = None) -> list[Any]:  # noqa: ARG002
-        """Reset the environment by a seed."""
+        """Reset the environment by a seed.
+
+        Args:
+            seeds: Array whose first seed is used.
+            rows: Not used.
+
+        Returns:
+            The first observation, in a list.
+        """
         seed = int(seeds[0])
         self._present, _ = self._env.reset(seed=seed % self._modulus if self._modulus else seed)
         self._length = 0
         return self.observation
 
     def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> GymStep:  # noqa: ARG002
-        """Take a step."""
+        """Take a step.
+
+        Args:
+            actions: Array with the one action: a number, or a row of values.
+            auto_reset: Not used; the environment is never reset here.
+            rows: Not used.
+
+        Raises:
+            UserError: If the episode has not ended after `MOST_STEPS` steps.
+        """
         if self._length == MOST_STEPS:
             raise UserError(
                 f"an episode has not ended after {MOST_STEPS:,} steps: wrap the environment "
@@ -364,8 +502,10 @@ class GymSimulator:
             actions[0] if actions.ndim > 1 else int(actions[0])
         )
         ending = Ending.of_step(terminated, truncated, info)
-        pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
-        self._present, self._length = after, self._length + 1
+        pair = RewardPair.of_step(reward, info)
+        speed = float(info.get("speed", np.nan))
+        self._present = after
+        self._length = self._length + 1
         counted = {name: info[name] for name in ("neighbours_collided",) if name in info}
         signals: dict[str, float] = info.get("signals", {})
         counted |= {name: value for name, value in signals.items() if name.endswith("_hit")}

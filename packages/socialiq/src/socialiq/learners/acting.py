@@ -36,19 +36,27 @@ def acting_in(
     hyperparameters: Sequence[Any],
     chunk: int = 500,
 ) -> Collector:
-    """Let runs act in a Gymnasium environment: the `before_chunk` of `train`, with its `chunk`.
+    """Let runs act in a Gymnasium environment.
 
-    `make` makes the environment, once for each run: with discrete actions, or for a learner of
-    continuous ones with actions in [-1, 1]. `env_steps_per_update` of `static` is how much they
-    act.
+    Args:
+        make: Makes the environment, once for each run: with discrete actions, or for a learner of
+            continuous ones with actions in [-1, 1].
+        static: Config of all runs; `env_steps_per_update` is how much they act.
+        hyperparameters: Numbers of each run, among them its `seed`.
+        chunk: Updates between two rounds of acting, the `chunk` of `train`.
+
+    Returns:
+        The `before_chunk` of `train`.
 
     Raises:
-        UserError: If the actions are of another kind.
+        UserError: If the environment's actions don't fit the learner.
     """
-    steps, continuous = chunk * static.env_steps_per_update, isinstance(static, ActorConfig)
+    steps_per_update = static.env_steps_per_update
+    steps = chunk * steps_per_update
+    continuous = isinstance(static, ActorConfig)
     sources = [from_env(make(), steps, continuous) for _ in hyperparameters]
     if continuous:
-        behaviour = drawing(static, static.env_steps_per_update)
+        behaviour = drawing(static, steps_per_update)
     else:
         behaviour = soft([run.temperature for run in hyperparameters])
     return Collector(sources, [run.seed for run in hyperparameters], behaviour)
@@ -79,7 +87,10 @@ class Driver:
         network: DialNetwork | None,
         rng: np.random.Generator,
     ) -> None:
-        self._static, self._numbers, self._network, self._rng = static, numbers, network, rng
+        self._static = static
+        self._numbers = numbers
+        self._network = network
+        self._rng = rng
         self.direction: RewardPair | None = None
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
@@ -95,14 +106,23 @@ class Driver:
 
     def chosen(self, values: Any) -> np.ndarray:
         """Return an action for each environment, given the values of all, (env, action)."""
-        q, rng = np.asarray(values), self._rng
+        q = np.asarray(values)
+        rng = self._rng
         chosen = (q / self._numbers.temperature + rng.gumbel(size=q.shape)).argmax(axis=1)
         random = rng.integers(q.shape[1], size=len(q))
         return np.where(rng.random(len(q)) < self._numbers.exploration, random, chosen)
 
 
 def dials(static: DialConfig, hyperparameters: Sequence[DialHyperparameters]) -> Behaviour:
-    """Return how dials act: each chunk with a `Driver`."""
+    """Return how dials act: each chunk with a `Driver`.
+
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run.
+
+    Returns:
+        The behaviour of single runs, for a `Collector`.
+    """
 
     def behaviour(network: Any, run: int, _done: int, rng: np.random.Generator) -> Act:
         return Driver(static, hyperparameters[run], network, rng)
@@ -111,7 +131,16 @@ def dials(static: DialConfig, hyperparameters: Sequence[DialHyperparameters]) ->
 
 
 def dials_together(static: DialConfig, hyperparameters: Sequence[DialHyperparameters]) -> Together:
-    """Return how dials act in one vector environment: as each by `dials`."""
+    """Return how dials act in one vector environment: as each by `dials`.
+
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run.
+
+    Returns:
+        The behaviour of all runs, for a `VectorCollector`; it returns directions too if the replays
+        store them (`driven_share`).
+    """
 
     def behaviour(
         networks: Any, _done: int, streams: Sequence[np.random.Generator], per_run: int
@@ -135,10 +164,18 @@ def drawing(static: ActorConfig, steps_per_update: int) -> Behaviour:
     """Return how actors act: uniformly at first, then with drawn actions.
 
     A dial takes `STEPS_PER_ANGLE` steps at each drawn angle.
+
+    Args:
+        static: Config of all runs; its first `random_steps` are uniform.
+        steps_per_update: Environment steps of a run for each update.
+
+    Returns:
+        The behaviour of single runs, for a `Collector`.
     """
 
     def behaviour(network: Any, _run: int, done: int, rng: np.random.Generator) -> Act:
-        actor, taken = network.actor, done * steps_per_update
+        actor = network.actor
+        taken = done * steps_per_update
         policy = ActorPolicy.of(actor, {}, rng)
         driver = None if static.dial else policy
 
@@ -160,16 +197,23 @@ def drawing(static: ActorConfig, steps_per_update: int) -> Behaviour:
 
 
 def actors_together(static: Any, hyperparameters: Sequence[Any]) -> Together:
-    """Return how actors act in one vector environment, each run's with noise of its own.
+    """Return how actors act in one vector environment, with separate noise for each run.
 
-    A dial's environments keep an angle for a chunk; together they are stratified. The config's
-    `updates_per_round` has to be the `chunk` of `train`.
+    A dial's environments keep an angle for a chunk; together they are stratified.
+
+    Args:
+        static: Config of all runs. Its `updates_per_round` has to be the `chunk` of `train`.
+        hyperparameters: Numbers of each run.
+
+    Returns:
+        The behaviour of all runs, for a `VectorCollector`; it never returns directions.
     """
 
     def behaviour(
         networks: Any, done: int, streams: Sequence[np.random.Generator], per_run: int
     ) -> tuple[Act, None]:
-        actors, taken = networks.actor, done * static.env_steps_per_update
+        actors = networks.actor
+        taken = done * static.env_steps_per_update
         shape = (per_run, actors.size)
 
         def direction(numbers: Any, rng: np.random.Generator) -> RewardPair:

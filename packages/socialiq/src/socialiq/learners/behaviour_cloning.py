@@ -1,9 +1,9 @@
 """Behaviour cloning: maximum likelihood of the actions, on the same data and network.
 
-Of all demonstrations alike, or weighted by how well they score at an angle: there Eq B.2 is taken
-with each episode's undiscounted total as its score, or with each transition's advantage. At a high
-τ_w the clone is the plain one. The weights exp(A/τ_w) of advantages are those of MARWIL (Wang et
-al. 2018) and of advantage-weighted regression (Peng et al. 2019).
+All demonstrations count alike, or are weighted by how well they score at an angle. The weights are
+those of Eq B.2, with each episode's undiscounted total as its score, or with each transition's
+advantage. At a high τ_w the clone is the plain one. The weights exp(A/τ_w) of advantages are those
+of MARWIL (Wang et al. 2018) and of advantage-weighted regression (Peng et al. 2019).
 """
 
 from __future__ import annotations
@@ -67,7 +67,19 @@ class BehaviourCloning(Learner):
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> BehaviourCloning:
-        """Make the learner of sets of demonstrations."""
+        """Make the learner of sets of demonstrations.
+
+        Args:
+            static: Config of all runs.
+            datasets: Sets of demonstrations with discrete actions.
+
+        Returns:
+            The learner.
+
+        Raises:
+            UserError: If there is no set, or they differ in features or actions, or have continuous
+                actions.
+        """
         sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
         return cls(static, sizes, _table_of(static, datasets, False))
 
@@ -82,7 +94,16 @@ class BehaviourCloning(Learner):
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
     ) -> tuple[Batch, Carry]:
-        """Return demonstrations, by their weights or all alike."""
+        """Return demonstrations, by their weights or all alike.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of one run, which has no influence.
+            carry: Random key, and cumulative weights.
+
+        Returns:
+            A batch of `batch_size` demonstrations, and the carry with the next key.
+        """
         if carry.cumulative is None:
             batch, key = super().draw(hyperparameters, state, carry.key)
             return batch, carry._replace(key=key)
@@ -93,12 +114,20 @@ class BehaviourCloning(Learner):
         return batch, carry._replace(key=key)
 
     def no_angle(self) -> str:
-        """Return why nothing reads an angle; "" if demonstrations are weighted by their score."""
+        """Return why no term reads an angle; "" if one does, by the weights of demonstrations."""
         plain = "demonstrations count alike, without --set weighted=true"
         return super().no_angle() if self.static.weighted else plain
 
     def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any) -> tuple[Array, Terms]:
-        """Negative log-likelihood of the demonstrated actions."""
+        """Return the negative log-likelihood of the demonstrated actions.
+
+        Args:
+            network: Network of logits.
+            batch: Demonstrations.
+
+        Returns:
+            The loss in nats, and the only term, "loss".
+        """
         loss = negative_log_likelihood(network, batch.observation, batch.action)
         return loss, {"loss": loss}
 
@@ -110,29 +139,66 @@ class GaussianCloning(BehaviourCloning):
 
     @classmethod
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> GaussianCloning:
-        """Make the learner of sets of demonstrations."""
+        """Make the learner of sets of demonstrations.
+
+        Args:
+            static: Config of all runs.
+            datasets: Sets of demonstrations with continuous actions.
+
+        Returns:
+            The learner.
+
+        Raises:
+            UserError: If there is no set, or they differ in features or actions, or have discrete
+                actions.
+        """
         table = _table_of(static, datasets, True)
         return cls(static, (datasets[0].observation.shape[1], datasets[0].action.shape[1]), table)
 
     def network(self, key: PRNGKeyArray) -> Actor:
         """Draw an actor."""
-        static, (n_features, size) = self.static, self.sizes
+        static = self.static
+        n_features, size = self.sizes
         shape = (n_features, static.hidden, size, static.activation, static.input_scale)
         return Actor.initialise(key, *shape, view=static.view)
 
     def loss(self, network: Any, _target: Any, batch: Any, _numbers: Any) -> tuple[Array, Terms]:
-        """-E[log π(a|s)]."""
+        """Return -E[log π(a|s)] of the demonstrated actions.
+
+        Args:
+            network: The actor.
+            batch: Demonstrations.
+
+        Returns:
+            The loss in nats, and the only term, "loss".
+        """
         mean, log_std = jax.vmap(network)(batch.observation)
         loss = -jnp.mean(jax.vmap(log_density)(batch.action, mean, log_std))
         return loss, {"loss": loss}
 
     def policy(self, hyperparameters: Any, state: TrainState, _retained: Any = None) -> ActorPolicy:
-        """Return the clone of one run."""
+        """Return the clone of one run.
+
+        Args:
+            hyperparameters: Numbers of the run, for the record.
+            state: State of the run.
+
+        Returns:
+            The trained actor as a policy.
+        """
         return ActorPolicy.of(state.network, self.record(hyperparameters))
 
 
 def effective_size(data: Transitions, hyperparameters: CloningHyperparameters) -> float:
-    """Return how many transitions of equal weight a weighted run's data are worth (B.2)."""
+    """Return how many transitions of equal weight a weighted run's data are worth (B.2).
+
+    Args:
+        data: Demonstrations.
+        hyperparameters: Numbers of the run; the angle and τ_w are read. Weights are by trajectory.
+
+    Returns:
+        1 / Σ w² of the weights of Eq B.2.
+    """
     table = _table_of(CloningConfig(weighted=True), [data], False)
     run = stack([dataclasses.replace(hyperparameters, dataset=0)])[0]
     return float(losses.effective_sample_size(losses.table_weights(table, run)))
@@ -149,6 +215,15 @@ def _table_of(
 
 
 def negative_log_likelihood(network: QNetwork, observation: Array, action: Array) -> Array:
-    """-E[log softmax(network(s))[a]]."""
+    """Return -E[log softmax(network(s))[a]].
+
+    Args:
+        network: Network of logits.
+        observation: Observations, (batch, feature).
+        action: Actions, integers (batch,).
+
+    Returns:
+        The mean over the batch, in nats.
+    """
     logits = jax.vmap(network)(observation)
     return optax.softmax_cross_entropy_with_integer_labels(logits, action).mean()

@@ -78,7 +78,8 @@ class Clock:
     """Rates and remaining time, of this process only."""
 
     def __init__(self, done: int, total: int, runs: int) -> None:
-        self.total, self.runs = total, runs
+        self.total = total
+        self.runs = runs
         self.saved = time.monotonic()
         self.marks = [(done, self.saved)]
 
@@ -89,14 +90,25 @@ class Clock:
         monitored: dict[str, np.ndarray],
         failures: tuple[str, ...],
     ) -> Report:
-        """Describe the chunk that has just ended."""
+        """Describe the chunk that has just ended.
+
+        Args:
+            done: Updates done of each run.
+            record: Mean of each term over the chunk, each (runs,).
+            monitored: Result of the monitor, each (runs,).
+            failures: One line for each run that has stopped.
+
+        Returns:
+            The report, with rate and remaining time of this process.
+        """
         # The first chunk includes compilation: the rate is counted from its end on.
         self.marks.append((done, time.monotonic()))
         first, began = self.marks[min(1, len(self.marks) - 2)]
         rate = (done - first) / max(self.marks[-1][1] - began, 1e-9)
         finite = {name: value[np.isfinite(value)] for name, value in record.items()}
         terms = {name: float(v.mean()) if len(v) else float("nan") for name, v in finite.items()}
-        left, total = (self.total - done) / rate, rate * self.runs
+        left = (self.total - done) / rate
+        total = rate * self.runs
         progress = (done, self.total, total, left, terms, monitored, failures)
         return Report(*progress, by_run=record)
 
@@ -136,7 +148,7 @@ _REQUEST: ContextVar[StopRequest | None] = ContextVar("stop request", default=No
 def stop_requests() -> Iterator[threading.Event]:
     """Turn the first Ctrl-C into a request; a second one interrupts at once.
 
-    In a thread the request is the one that `StopRequest.reaches_thread` has put there, if any.
+    In a thread the request is the one of `StopRequest.reaches_thread`, if there is one.
     """
     outside = _REQUEST.get()
     if outside is not None:
@@ -187,7 +199,8 @@ class ProgressLine:
 class Tracker(abc.ABC):
     """Records of each run in a folder for another program; a context, and an `on_report`.
 
-    A number has its name in metrics.csv, its step is the number of updates. What is there stays.
+    A number has its name in metrics.csv, and its step is the number of updates. Existing records
+    stay.
 
     Raises:
         UserError: If the extra is not installed, or the folder can't be written.
@@ -203,11 +216,25 @@ class Tracker(abc.ABC):
 
     @abc.abstractmethod
     def begun(self, folder: Path, name: str) -> Any:
-        """Return what keeps the numbers of a run."""
+        """Begin the record of a run.
+
+        Args:
+            folder: Folder of all records.
+            name: Name of the run.
+
+        Returns:
+            An object that `write` and `end` take.
+        """
 
     @abc.abstractmethod
     def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
-        """Keep the numbers of a chunk."""
+        """Keep the numbers of a chunk.
+
+        Args:
+            run: Result of `begun`.
+            step: Number of updates done.
+            values: Number of each name.
+        """
 
     @abc.abstractmethod
     def end(self, run: Any) -> None:
@@ -237,12 +264,29 @@ class EventFiles(Tracker):
     """TensorBoard's event files: a folder for each run."""
 
     def begun(self, folder: Path, name: str) -> Any:
-        """Return the writer of a run."""
+        """Return the writer of a run.
+
+        Args:
+            folder: Folder of all records.
+            name: Name of the run, and of its folder.
+
+        Returns:
+            The writer.
+
+        Raises:
+            UserError: If the extra is not installed.
+        """
         module = "tensorboard.summary.writer.event_file_writer"
         return optional(module, "tensorboard", "event files").EventFileWriter(str(folder / name))
 
     def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
-        """Add an event."""
+        """Add an event, and write it to the file.
+
+        Args:
+            run: Result of `begun`.
+            step: Number of updates done.
+            values: Number of each name.
+        """
         from tensorboard.compat.proto.event_pb2 import Event  # pyright: ignore
         from tensorboard.compat.proto.summary_pb2 import Summary  # pyright: ignore
 
@@ -261,7 +305,18 @@ class WandbRuns(Tracker):
     """Runs of Weights & Biases, offline unless its variable `WANDB_MODE` says otherwise."""
 
     def begun(self, folder: Path, name: str) -> Any:
-        """Return a run of the project socialiq, whose files are below the folder's `wandb`."""
+        """Begin a run of the project socialiq.
+
+        Args:
+            folder: Folder of all records, which is made; files are below its `wandb`.
+            name: Name of the run.
+
+        Returns:
+            The run.
+
+        Raises:
+            UserError: If the extra is not installed.
+        """
         wandb = optional("wandb", "wandb", "runs of Weights & Biases")
         folder.mkdir(parents=True, exist_ok=True)
         quiet = wandb.Settings(silent=True, console="off", x_disable_stats=True)
@@ -270,11 +325,17 @@ class WandbRuns(Tracker):
         return wandb.init(**where, reinit="create_new", settings=quiet)
 
     def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
-        """Add a row of the run's history."""
+        """Add a row of the run's history.
+
+        Args:
+            run: Result of `begun`.
+            step: Number of updates done.
+            values: Number of each name.
+        """
         run.log(dict(values), step=step)
 
     def end(self, run: Any) -> None:
-        """Write what is left."""
+        """Write the remaining values, and finish the run."""
         run.finish()
 
 
@@ -282,7 +343,18 @@ class MlflowRuns(Tracker):
     """Runs of MLflow in the experiment socialiq of a data base, `mlflow.db` in the folder."""
 
     def begun(self, folder: Path, name: str) -> Any:
-        """Return the client and the identity of a run."""
+        """Begin a run of the experiment socialiq, which is made if it is missing.
+
+        Args:
+            folder: Folder of the data base, which is made.
+            name: Name of the run.
+
+        Returns:
+            The client, and the identity of the run.
+
+        Raises:
+            UserError: If the extra is not installed.
+        """
         tracking = optional("mlflow.tracking", "mlflow", "runs of MLflow")
         folder.mkdir(parents=True, exist_ok=True)
         client = tracking.MlflowClient(f"sqlite:///{folder.resolve() / 'mlflow.db'}")
@@ -291,7 +363,13 @@ class MlflowRuns(Tracker):
         return client, client.create_run(experiment, run_name=name).info.run_id
 
     def write(self, run: Any, step: int, values: Mapping[str, float]) -> None:
-        """Add the values of a step."""
+        """Add the values of a step.
+
+        Args:
+            run: Result of `begun`.
+            step: Number of updates done.
+            values: Number of each name.
+        """
         from mlflow.entities import Metric  # pyright: ignore
 
         client, identity = run

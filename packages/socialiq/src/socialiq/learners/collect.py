@@ -50,12 +50,21 @@ class BaseCollector:
         return runs._replace(carry=runs.carry._replace(replay=ring))
 
     def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Any:
-        """Return the rows of a chunk, (run, row), given the random numbers of each run."""
+        """Return the rows of a chunk.
+
+        Args:
+            runs: State of all runs, with the networks that act.
+            done: Number of updates done.
+            streams: Random numbers of each run.
+
+        Returns:
+            The rows as a tree of arrays, (run, row, ...).
+        """
         raise NotImplementedError
 
 
 class Collector(BaseCollector):
-    """Fills each run's replay from a source of its own, in which it acts by a behaviour.
+    """Fills each run's replay from the run's source, in which it acts by a behaviour.
 
     Where `driven`, replays have the directions of a dial's `acting.Driver`.
     """
@@ -68,10 +77,21 @@ class Collector(BaseCollector):
         driven: bool = False,
     ) -> None:
         super().__init__(seeds)
-        self._sources, self._behaviour, self._driven = sources, behaviour, driven
+        self._sources = sources
+        self._behaviour = behaviour
+        self._driven = driven
 
     def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Any:
-        """Return the transitions of each run's source, in its order."""
+        """Return the transitions of each run's source, in its order.
+
+        Args:
+            runs: State of all runs, with the networks that act.
+            done: Number of updates done.
+            streams: Random numbers of each run.
+
+        Returns:
+            The batch, (run, row, ...); all sources give the same number of rows.
+        """
         batches = []
         for run, rng in enumerate(streams):
             act: Any = self._behaviour(network_of(runs.state.network, run), run, done, rng)
@@ -109,10 +129,21 @@ class VectorCollector(BaseCollector):
                 f"`num_envs` {env.num_envs} can't be divided among {count} runs: give a multiple"
             )
         super().__init__([run.seed for run in hyperparameters])
-        self._env, self._rounds, self._together = env, rounds, behaviour
+        self._env = env
+        self._rounds = rounds
+        self._together = behaviour
 
     def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Any:
-        """Return the rows of a chunk, (run, row), each run's in the order of the steps."""
+        """Return the transitions of a chunk, each run's in the order of the steps.
+
+        Args:
+            runs: State of all runs, with the networks that act.
+            done: Number of updates done.
+            streams: Random numbers of each run.
+
+        Returns:
+            The batch, (run, row, ...).
+        """
         count = len(streams)
         per_run = self._env.num_envs // count
         firsts = [int(rng.integers(2**31)) for rng in streams]
@@ -139,13 +170,21 @@ def from_env(
 ) -> Source:
     """Return a source of one environment: of discrete actions, or of arrays in [-1, 1].
 
-    `types.RewardPair.of_step` and `Ending.of_step` say how its rewards and endings are read. A
-    chunk has `steps`. If it `goes_on` where the last one stopped, it may be shorter than episodes,
-    but a run can't be resumed from a checkpoint with equal experience; else it begins with a seeded
-    reset.
+    `types.RewardPair.of_step` and `Ending.of_step` say how its rewards and endings are read.
+
+    Args:
+        env: The environment.
+        steps: Steps of a chunk.
+        continuous: Whether actions are arrays in [-1, 1]; else they are discrete.
+        goes_on: Whether a chunk begins where the last one stopped; else it begins with a seeded
+            reset. A chunk that goes on may be shorter than episodes, but a run can't be resumed
+            from a checkpoint with equal experience.
+
+    Returns:
+        The source.
 
     Raises:
-        UserError: If the actions are of another kind.
+        UserError: If the actions are not discrete, or with `continuous` no float32 box in [-1, 1].
     """
     _check_actions(env.action_space, continuous)
     stopped_at: Any = None
@@ -174,12 +213,20 @@ def from_vector_env(
 ) -> Source:
     """Return a source of environments side by side, with `AutoresetMode.SAME_STEP`.
 
-    Actions are discrete, or arrays in [-1, 1]. The info has `reward_pair`, (envs, 2), and `ending`,
-    (envs,), values of `types.Ending`, both of the step that was taken, also where a reset followed.
-    A chunk has `steps` of all environments together.
+    The info has `reward_pair`, (envs, 2), and `ending`, (envs,), values of `types.Ending`, both of
+    the step that was taken, also where a reset followed.
+
+    Args:
+        env: The environments.
+        steps: Steps of a chunk, of all environments together.
+        continuous: Whether actions are arrays in [-1, 1]; else they are discrete.
+
+    Returns:
+        The source; its rows are in the order of the steps, all environments of a step together.
 
     Raises:
-        UserError: If the actions are of another kind, or it resets at another time.
+        UserError: If the actions are not discrete, or with `continuous` no float32 box in [-1, 1];
+            or if the environments reset at another time.
     """
     _check_actions(env.single_action_space, continuous)
     if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:

@@ -1,7 +1,7 @@
 """Conservative Q-learning on the relabelled reward λ R(α): offline, from the same demonstrations.
 
 CQL(H) of Kumar et al. 2020 with the soft value of Eq 2.5 in place of the hard maximum, so that it
-has the temperature of the learner it stands beside: at `conservatism` = 1 / (2 κ) it is offline
+has the temperature of the learner it is compared with: at `conservatism` = 1 / (2 κ) it is offline
 IQ-Learn with the social prior, gradient by gradient (docs/theory.md).
 """
 
@@ -50,12 +50,23 @@ class ConservativeQ(Learner):
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Scalar, Terms]:
-        """1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], and its terms.
+        """Return the loss of conservative Q-learning, and its terms.
 
+        1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], with
         V(s) = τ log sum_a exp(Q(s, a) / τ); V(s') is that of the target network, without gradient.
         Kumar et al. 2020, their Eq 4, with both expectations over the demonstrations.
+
+        Args:
+            network: Network of Q.
+            target_network: Network of V(s').
+            batch: Demonstrations; their target is the reward pair of the step.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and the terms "bellman", "conservative", "max_q" (recorded only) and "loss".
         """
-        numbers, temperature = hyperparameters, hyperparameters.temperature
+        numbers = hyperparameters
+        temperature = hyperparameters.temperature
         q = jax.vmap(network)(batch.observation)
         taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
         q_next = jax.vmap(target_network)(batch.next_observation)

@@ -32,8 +32,8 @@ Loss = Literal["huber", "squared"]
 class DQNConfig(settings.Network, settings.Replay):
     """Choices that shape the program. Defaults: the experts of thesis 5.2.
 
-    The thesis gives network, learning rate, discount, steps and environments. The rest is of
-    Stable-Baselines3's DQN where its default fits, or chosen here.
+    The thesis gives network, learning rate, discount, steps and environments. The rest
+    follows Stable-Baselines3's DQN where its default fits, or was chosen here.
     """
 
     hidden: settings.Widths = (256, 256)
@@ -76,9 +76,15 @@ Scalar = Float[Array, ""]
 def next_value(
     target_network: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
 ) -> Float[Array, " batch"]:
-    """max_a Q(s', a) by the target network (Mnih et al. 2015).
+    """Return max_a Q(s', a) by the target network (Mnih et al. 2015).
 
-    With "double" a is chosen by the network's own values, `fast` (van Hasselt et al. 2016).
+    Args:
+        target_network: Q(s', a) of the target network.
+        fast: Q(s', a) of the network itself.
+        double: Whether a is chosen by `fast` (van Hasselt et al. 2016).
+
+    Returns:
+        The target network's value of the chosen action, of each row.
     """
     chosen = jnp.argmax(fast if double else target_network, axis=-1)
     return jnp.take_along_axis(target_network, chosen[:, None], axis=-1)[:, 0]
@@ -91,7 +97,19 @@ def bootstrapped_target(
     discount: Scalar | float,
     through_timeouts: bool,
 ) -> Float[Array, " batch"]:
-    """Y = R(α) + γ (1 - d) max_a Q(s', a); through timeouts d = 0 at one, the clock's doing."""
+    """Return Y = R(α) + γ (1 - d) max_a Q(s', a).
+
+    Args:
+        reward: R(α) of each row.
+        value: max_a Q(s', a) of each row.
+        ending: Value of `types.Ending` of each row.
+        discount: γ.
+        through_timeouts: Whether d = 0 at a timeout, which the clock causes; else d = 1 at every
+            ending.
+
+    Returns:
+        Y of each row, in units of reward.
+    """
     goes_on = ending == int(Ending.NONE)
     if through_timeouts:
         goes_on |= ending == int(Ending.TIMEOUT)
@@ -104,7 +122,17 @@ def td_loss(
     target: Float[Array, " batch"],
     loss: Loss = "huber",
 ) -> Scalar:
-    """The mean loss of Q(s, a) against the target: Huber's (Mnih et al. 2015), or ½ error²."""
+    """Return the mean loss of Q(s, a) against the target.
+
+    Args:
+        q: Q of each row and action.
+        action: Action taken, of each row.
+        target: Y of each row.
+        loss: "huber" for Huber's (Mnih et al. 2015), or "squared" for ½ error².
+
+    Returns:
+        The mean over the rows.
+    """
     taken = jnp.take_along_axis(q, action[:, None], axis=-1)[:, 0]
     of_error = optax.huber_loss if loss == "huber" else optax.l2_loss
     return jnp.mean(of_error(taken, target))
@@ -116,21 +144,38 @@ class DQN(Learner):
     name: ClassVar[str] = "dqn"
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
-        """Draw a network from the run's seed, beside an empty replay."""
+        """Draw a network from the run's seed, and make an empty replay."""
         state, key = super().initialise(hyperparameters)
         return state, Carry(
             key, Replay.empty(self.static.replay_capacity, Batch.empty(self.sizes[0]))
         )
 
     def draw(self, _numbers: Any, _state: TrainState, carry: Carry) -> tuple[Batch, Carry]:
-        """Sample the replay."""
+        """Sample the replay.
+
+        Args:
+            carry: Random key, and replay.
+
+        Returns:
+            A batch of `batch_size` own transitions, and the carry with the next key.
+        """
         key, for_batch = jax.random.split(carry.key)
         return carry.replay.sample(for_batch, self.static.batch_size), carry._replace(key=key)
 
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Array, Terms]:
-        """The temporal-difference loss."""
+        """Return the temporal-difference loss.
+
+        Args:
+            network: Network of Q.
+            target_network: Network of Q(s', a).
+            batch: Own transitions.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and the terms "loss" and "max_q" (recorded only).
+        """
         static = self.static
         fast = jax.vmap(network)(batch.next_observation) if static.double else None
         steady = jax.vmap(target_network)(batch.next_observation)
@@ -149,12 +194,29 @@ class DQN(Learner):
     def policy(
         self, hyperparameters: DQNHyperparameters, state: TrainState, _retained: Any = None
     ) -> QPolicy:
-        """Return the policy after the last update."""
+        """Return the policy after the last update.
+
+        Args:
+            hyperparameters: Numbers of the run, for the record.
+            state: State of the run.
+
+        Returns:
+            The trained network as a policy.
+        """
         return policy_of(self.static, hyperparameters, state.network)
 
 
 def policy_of(static: DQNConfig, hyperparameters: DQNHyperparameters, network: QNetwork) -> QPolicy:
-    """Return a network as a policy with its record; its soft form, at τ = 1, has no meaning."""
+    """Return a network as a policy with its record; its soft form, at τ = 1, has no meaning.
+
+    Args:
+        static: Config of the run, for the record.
+        hyperparameters: Numbers of the run, for the record.
+        network: Trained network of the run.
+
+    Returns:
+        The policy.
+    """
     n_actions = network.layers[-1].out_features
     learner = DQN(static, (0, int(n_actions)))
     return QPolicy.of(network, 1.0, learner.record(hyperparameters))
@@ -170,8 +232,18 @@ def train(
 ) -> Trained:
     """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
-    Each run acts between two chunks in a source of its own (`learners.collect`), of
-    `chunk * static.steps_per_update` steps. The sizes are features of an observation and actions.
+    Each run acts between two chunks, in its source (`learners.collect`).
+
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run.
+        sources: Source of each run, of `chunk * static.steps_per_update` steps.
+        sizes: Features of an observation, and number of actions.
+        callbacks: Progress, monitor, checkpoint.
+        chunk: Updates between two rounds of acting, and between two calls of the callbacks.
+
+    Returns:
+        The trained runs.
 
     Raises:
         UserError: If there is no run, or not one source for each.
@@ -187,7 +259,15 @@ def train(
 
 
 def acting(static: DQNConfig, hyperparameters: Sequence[DQNHyperparameters]) -> Behaviour:
-    """ε-greedy, ε by the share of the run that is done."""
+    """Return the ε-greedy behaviour of runs, with ε by the share of the run that is done.
+
+    Args:
+        static: Config of all runs; `updates` is the length of a run.
+        hyperparameters: Numbers of each run.
+
+    Returns:
+        The behaviour of single runs, for a `Collector`.
+    """
 
     def behaviour(network: QNetwork, run: int, done: int, rng: np.random.Generator) -> Act:
         policy = QPolicy.of(network, 1.0, {})

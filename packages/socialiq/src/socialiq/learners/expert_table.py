@@ -41,7 +41,8 @@ class Batch(NamedTuple):
     @staticmethod
     def empty(n_features: int, *action_size: int) -> Batch:
         """Return a row of zeros, with the shapes and types of a replay's rows."""
-        observation, zero = jnp.zeros(n_features), jnp.zeros(())
+        observation = jnp.zeros(n_features)
+        zero = jnp.zeros(())
         action = jnp.zeros(action_size, jnp.float32 if action_size else jnp.int32)
         ending = jnp.zeros((), jnp.int32)
         return Batch(observation, action, observation, ending, RewardPair(zero, zero))
@@ -71,11 +72,18 @@ class ExpertTable(NamedTuple):
     ) -> ExpertTable:
         """Lay out sets of demonstrations and derive their cumulative returns.
 
-        `target_kind` is a kind of `Transitions.returns`, and `social_discount` its γ_svo.
+        Args:
+            datasets: Sets of demonstrations.
+            target_kind: A kind of `Transitions.returns`.
+            social_discount: γ_svo of the returns.
+            continuous: Whether the learner takes continuous actions; else discrete ones.
+
+        Returns:
+            The table, whose targets are the returns.
 
         Raises:
-            UserError: If there is none, or they differ in features or actions, or have actions of
-                the other kind.
+            UserError: If there is none, or they differ in features or actions, or their actions are
+                not those that the learner takes.
         """
         if not datasets:
             raise UserError("no demonstrations: pass at least one set")
@@ -118,7 +126,16 @@ class ExpertTable(NamedTuple):
         return ExpertTable(columns, join(firsts, "int32"), *bounds)
 
     def sample(self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int) -> Batch:
-        """Draw transitions of one set, uniformly and with replacement."""
+        """Draw transitions of one set, uniformly and with replacement.
+
+        Args:
+            key: Random key.
+            dataset: Index of the set.
+            size: Number of rows.
+
+        Returns:
+            The rows, as a batch.
+        """
         return self.rows(
             draw_between(key, size, self.row_bounds[dataset], self.row_bounds[dataset + 1])
         )
@@ -126,7 +143,17 @@ class ExpertTable(NamedTuple):
     def sample_weighted(
         self, key: PRNGKeyArray, cumulative: Float[Array, " transition"], size: int
     ) -> Batch:
-        """Draw transitions by the cumulative sum of their (normalised) weights."""
+        """Draw transitions by their weights, with replacement.
+
+        Args:
+            key: Random key.
+            cumulative: Cumulative sum of the weights of all rows of the table; it need not end at
+                1.
+            size: Number of rows.
+
+        Returns:
+            The rows, as a batch.
+        """
         # Scaled, because a rounded sum that ends below 1 would leave draws beyond all weights.
         draws = jax.random.uniform(key, (size,)) * cumulative[-1]
         rows = jnp.searchsorted(cumulative, draws, side="right")
@@ -135,7 +162,16 @@ class ExpertTable(NamedTuple):
     def sample_initial(
         self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int
     ) -> Float[Array, "batch feature"]:
-        """Draw true initial states of one set: its episodes' first observations."""
+        """Draw true initial states of one set: its episodes' first observations.
+
+        Args:
+            key: Random key.
+            dataset: Index of the set.
+            size: Number of observations.
+
+        Returns:
+            The observations, drawn uniformly and with replacement.
+        """
         episodes = draw_between(
             key, size, self.start_bounds[dataset], self.start_bounds[dataset + 1]
         )
@@ -143,7 +179,8 @@ class ExpertTable(NamedTuple):
 
     def ending_shares(self, dataset: Int[Array, ""]) -> Float[Array, " kind"]:
         """Return the share of one set's transitions with each value of `types.Ending`."""
-        first, end = self.row_bounds[dataset], self.row_bounds[dataset + 1]
+        first = self.row_bounds[dataset]
+        end = self.row_bounds[dataset + 1]
         rows = jnp.arange(len(self.columns.ending))
         return shares_of_endings(self.columns.ending, (rows >= first) & (rows < end))
 
@@ -165,7 +202,15 @@ class Replay(NamedTuple):
 
     @staticmethod
     def empty(capacity: int, row: Any) -> Replay:
-        """Return an empty ring of rows like this one."""
+        """Return an empty ring.
+
+        Args:
+            capacity: Number of rows that it holds.
+            row: A row with the shapes and types of all rows; its values are not stored.
+
+        Returns:
+            The ring.
+        """
         columns = jax.tree.map(lambda leaf: jnp.zeros((capacity, *leaf.shape), leaf.dtype), row)
         return Replay(columns, jnp.zeros((), jnp.int32))
 
@@ -177,7 +222,8 @@ class Replay(NamedTuple):
 
     def add_many(self, rows: Any) -> Replay:
         """Add rows in order (leading axis); of more than the ring holds, the newest stay."""
-        capacity, count = _length(self.columns), _length(rows)
+        capacity = _length(self.columns)
+        count = _length(rows)
         stored = min(count, capacity)  # two writes to one slot would be in no defined order
         slots = (self.added + count - stored + jnp.arange(stored)) % capacity
         columns = jax.tree.map(
@@ -186,7 +232,15 @@ class Replay(NamedTuple):
         return Replay(columns, self.added + count)
 
     def sample(self, key: PRNGKeyArray, size: int) -> Any:
-        """Draw uniformly with replacement from what has been added."""
+        """Draw uniformly with replacement from what has been added.
+
+        Args:
+            key: Random key.
+            size: Number of rows.
+
+        Returns:
+            The rows, with a leading axis; rows of zeros if the ring is empty.
+        """
         rows = draw_between(key, size, 0, jnp.minimum(self.added, _length(self.columns)))
         return jax.tree.map(lambda column: column[rows], self.columns)
 
@@ -205,7 +259,15 @@ def _length(columns: Any) -> int:
 def shares_of_endings(
     ending: Int[Array, " transition"], counted: Bool[Array, " transition"]
 ) -> Float[Array, " kind"]:
-    """Return the share of the counted transitions with each value of `types.Ending`."""
+    """Return the share of the counted transitions with each value of `types.Ending`.
+
+    Args:
+        ending: Value of `types.Ending` of each transition.
+        counted: Whether each transition counts.
+
+    Returns:
+        The share of each kind, in the order of `types.Ending`; all 0 if no transition counts.
+    """
     kinds = jnp.arange(len(Ending))
     matches = (ending == kinds[:, None]) & counted
     return matches.sum(axis=1) / jnp.maximum(counted.sum(), 1)
@@ -217,6 +279,15 @@ def draw_between(
     """Draw integers in [first, end), uniformly to one part in 2^24 and with replacement.
 
     Half the random bits of `jax.random.randint`, and half its time to compile.
+
+    Args:
+        key: Random key.
+        size: Number of integers.
+        first: Least integer.
+        end: One more than the greatest integer.
+
+    Returns:
+        The integers.
     """
     share = jax.random.uniform(key, (size,))
     integers = first + jnp.floor(share * (end - first)).astype(jnp.int32)

@@ -23,7 +23,13 @@ _SAMPLE = np.linspace(-1.0, 1.0, 8, dtype=np.float32)  # rewards on which a func
 def load(source: str, option: str, allow_code: bool) -> Any:
     """Import what an option of the command line names as FILE.py:NAME.
 
-    The file may be imported if that is allowed: its author's code runs with your rights.
+    Args:
+        source: FILE.py:NAME.
+        option: Name of the option, for messages.
+        allow_code: Whether the file may be imported: its author's code runs with your rights.
+
+    Returns:
+        The function or class of that name.
 
     Raises:
         UserError: If the code may not run, or there is no such file or name, or it fails.
@@ -103,12 +109,22 @@ LEARNERS: dict[str, type[Learner]] = {
 """Learners beside IQ-Learn that train from demonstrations alone, by name."""
 
 
-def find_learner(name: str, option: str, allow_code: bool) -> type[Learner]:
+def find_learner(name: str | type[Any], option: str, allow_code: bool) -> type[Learner]:
     """Return a learner by its name in `LEARNERS`, or the user's own by FILE.py:NAME, as `load`.
+
+    Args:
+        name: Name, or FILE.py:NAME; or the class.
+        option: Name of the option of the command line, for messages.
+        allow_code: Whether the file may be imported: its author's code runs with your rights.
+
+    Returns:
+        The learner's class.
 
     Raises:
         UserError: If there is none, or its code may not run or fails.
     """
+    if isinstance(name, type):
+        return checked_learner(name)
     if ":" not in name:
         one_of("learner", name, (*LEARNERS, "FILE.py:NAME"))
     return LEARNERS.get(name) or checked_learner(load(name, option, allow_code))

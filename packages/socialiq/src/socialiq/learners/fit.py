@@ -5,7 +5,7 @@ A learner has two pure functions, `initialise(hyperparameters) -> (state, carry)
 them of a loss. `terms` are named scalars. Arrays that all runs share, such as demonstrations, are
 leaves of the learner, so that they are the program's input: a constant of that size would be
 compiled into it, for each set. A run whose terms or parameters are no longer finite keeps its
-last finite state and records which term broke; the other runs go on. Whether all is finite is
+last finite state and records which term broke; all sound runs go on. Whether all is finite is
 checked once a chunk, since a check at each update costs a tenth of a small network's time and a
 fifth of the compilation; a run that broke is trained again over that chunk, with a check at each
 update.
@@ -54,10 +54,19 @@ def fit(
 ) -> tuple[Runs, History, tuple[str, ...]]:
     """Train all runs of a learner for `total` updates; return runs, history and failures.
 
-    Hyperparameters are arrays with a leading axis of runs. A failure is one line for each run that
-    stopped: which, when, which term, and what to lower. A checkpoint of another fingerprint is
-    refused. `before_chunk` adds experience from outside JAX; it must depend on its arguments alone,
-    or a resumed run would differ.
+    Args:
+        learner: The learner, with its two functions.
+        hyperparameters: Arrays with a leading axis of runs.
+        total: Updates of each run.
+        chunk: Updates between two calls of the callbacks.
+        fingerprint: Identity of data and settings; a checkpoint of another one is refused.
+        callbacks: Progress, monitor, checkpoint.
+        before_chunk: Adds experience from outside JAX. It must depend on its arguments alone, or a
+            resumed run would differ.
+
+    Returns:
+        The runs after the last update, the record of each chunk, and one line for each run that
+        stopped: which, when, which term, and what to lower.
 
     Raises:
         Stopped: On Ctrl-C, after the chunk in progress.
@@ -65,7 +74,8 @@ def fit(
     """
     release_programs()
     begin = jax.jit(_start_all, compiler_options=_COMPILE_FAST)
-    runs, history = begin(learner, hyperparameters), History()
+    runs = begin(learner, hyperparameters)
+    history = History()
     if callbacks.resume:
         if callbacks.checkpoint is None:
             raise UserError("nothing to resume from: name the run's folder")
@@ -114,12 +124,24 @@ def release_programs(most: int | None = None) -> None:
 def failure_lines(
     runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...], hyperparameters: Any
 ) -> tuple[str, ...]:
-    """One line for each run that stopped: which, when, which term, and what to lower."""
-    causes, lower = (*names, "parameters"), "learning_rate"
+    """Return one line for each run that stopped: which, when, which term, and what to lower.
+
+    Args:
+        runs: All runs.
+        names: Names of the terms, in the order of `Runs.failed_term`.
+        run_names: Name of each run; empty: they are numbered.
+        hyperparameters: Hyperparameters, which are read for their names alone.
+
+    Returns:
+        The lines, in the order of the runs; none if all runs are sound.
+    """
+    causes = *names, "parameters"
+    lower = "learning_rate"
     weights = [name for name in ("strength", "prior_weight") if hasattr(hyperparameters, name)]
     if weights:
         lower = f"{', '.join([lower, *weights[:-1]])} or {weights[-1]}"
-    failed, terms = np.asarray(runs.failed_at), np.asarray(runs.failed_term)
+    failed = np.asarray(runs.failed_at)
+    terms = np.asarray(runs.failed_term)
     return tuple(
         f"{run_names[run] if run_names else f'run {run}'} stopped at update {failed[run]}: "
         f"{causes[terms[run]]} not finite; lower {lower}"
@@ -166,7 +188,7 @@ def _advance(learner: Any, hyperparameters: Any, runs: Runs, steps: int) -> tupl
     """Train all runs for one chunk; return them and the means of their terms, NaN for broken runs.
 
     The second program is compiled when a run breaks. Until then the runs as they were before the
-    chunk stay in memory beside those after it.
+    chunk stay in memory with those after it.
     """
     after, terms, finite = _chunk(learner, hyperparameters, runs, steps, _unchecked)
     stopped = np.asarray(runs.failed_at) >= 0
@@ -241,6 +263,12 @@ def _choose_runs(condition: np.ndarray, yes: Any, no: Any) -> Any:
 def save_checkpoint(path: str | Path, fingerprint: str, runs: Runs, history: History) -> None:
     """Write the resumable state of a run; a reader finds the previous state or this one.
 
+    Args:
+        path: The file.
+        fingerprint: Identity of data and settings.
+        runs: The runs after a chunk.
+        history: What was recorded until then.
+
     Raises:
         UserError: If the file can't be written.
     """
@@ -251,7 +279,15 @@ def save_checkpoint(path: str | Path, fingerprint: str, runs: Runs, history: His
 
 
 def load_checkpoint(path: str | Path, fingerprint: str, like: Runs) -> tuple[Runs, History]:
-    """Read the state of the same run, in the form of freshly initialised ones.
+    """Read the state of the same run.
+
+    Args:
+        path: The file.
+        fingerprint: Identity of data and settings, which the file must have.
+        like: Freshly initialised runs, whose form the state must have.
+
+    Returns:
+        The runs, and their history.
 
     Raises:
         UserError: If the file is missing or damaged, or belongs to another run.

@@ -1,7 +1,7 @@
 """The part that all learners share: a learner is a config, a loss with named terms, and an action.
 
 `Learner` is trained by Adam with a target network, many runs in one compiled program
-(`learners.fit`). A learner of your own is a subclass with a `loss` (docs/extend.md).
+(`learners.fit`). To add a learner, write a subclass with a `loss` (docs/extend.md).
 """
 
 from __future__ import annotations
@@ -110,6 +110,13 @@ class Learner(eqx.Module):
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> Any:
         """Make the learner of sets of demonstrations.
 
+        Args:
+            static: Config of all runs.
+            datasets: Sets of demonstrations with discrete actions.
+
+        Returns:
+            The learner.
+
         Raises:
             UserError: If there is none, or they differ in features or actions.
         """
@@ -125,13 +132,31 @@ class Learner(eqx.Module):
         hyperparameters: HyperparameterArrays,
         /,
     ) -> tuple[Float[Array, ""], Terms]:
-        """Return the loss of a batch and its terms by name; "loss" among them."""
+        """Return the loss of a batch and its terms.
+
+        Args:
+            network: The trained network.
+            target_network: Running average of the network; None for a learner without one.
+            batch: What `draw` returned.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, a scalar, and scalar terms by name; "loss" is among them.
+        """
         raise NotImplementedError
 
     def draw(
         self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Any, /
     ) -> tuple[Any, Any]:
-        """Return a batch and the next carry: here demonstrations, and a random key."""
+        """Return a batch and the next carry: here demonstrations, and a random key.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            carry: Carry of the last update, here a random key.
+
+        Returns:
+            A batch of `batch_size` demonstrations from the run's set, and the next carry.
+        """
         assert self.table is not None
         key, for_batch = jax.random.split(carry)
         batch = self.table.sample(for_batch, hyperparameters.dataset, self.static.batch_size)
@@ -159,13 +184,20 @@ class Learner(eqx.Module):
         return QNetwork.initialise(key, *shape, scale=getattr(static, "input_scale", 1.0))
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Any:
-        """Return the learning rate after so many updates.
+        """Return the learning rate of an update.
 
         It falls as a cosine to the share `final_rate` of a run that has one, linearly to the
-        `final_learning_rate`, or else it is constant or falls to 0 by the `schedule`. A subclass
-        may return a rate for each part of its network (`TrainState.step`).
+        `final_learning_rate`, or else it is constant or falls to 0 by the `schedule`.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            done: Number of updates done.
+
+        Returns:
+            The rate. A subclass may return one for each part of its network (`TrainState.step`).
         """
-        rate, updates = hyperparameters.learning_rate, self.static.updates
+        rate = hyperparameters.learning_rate
+        updates = self.static.updates
         if hasattr(hyperparameters, "final_rate"):
             return cosine(rate, hyperparameters.final_rate, done, updates)
         if hasattr(hyperparameters, "final_learning_rate"):
@@ -176,7 +208,16 @@ class Learner(eqx.Module):
     def update(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Any
     ) -> tuple[TrainState, Any, Terms]:
-        """Draw a batch and take one Adam step on the loss."""
+        """Draw a batch and take one Adam step on the loss.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run.
+            carry: Carry of the run.
+
+        Returns:
+            The next state and carry, and the terms of the loss.
+        """
         batch, carry = self.draw(hyperparameters, state, carry)
         gradient, terms = jax.grad(self.loss, has_aux=True)(
             state.network, state.target_network, batch, hyperparameters
@@ -187,11 +228,19 @@ class Learner(eqx.Module):
         return state.averaged(self.averaging) if self.averaging else state, carry, terms
 
     def retained(self, _carry: Any, /) -> Any:
-        """Return what a policy needs of the carry: here nothing."""
+        """Return the part of the carry that a policy needs: here none."""
         return None
 
     def policy(self, hyperparameters: Any, state: TrainState, _retained: Any = None, /) -> Any:
-        """Return the policy of one run: greedy, or softmax(Q/τ) with its temperature, or τ = 1."""
+        """Return the policy of one run: greedy, or softmax(Q/τ) with its temperature, or τ = 1.
+
+        Args:
+            hyperparameters: Numbers of the run, for the temperature and the record.
+            state: State of the run.
+
+        Returns:
+            The policy, which can be saved.
+        """
         temperature = getattr(hyperparameters, "temperature", 1.0)
         return QPolicy.of(state.network, temperature, self.record(hyperparameters))
 
@@ -205,7 +254,7 @@ class Learner(eqx.Module):
         return "the demonstrations have no social rewards"
 
     def numbers(self, hyperparameters: Any) -> dict[str, Any]:
-        """Return the numbers of a run by name; its angle is None where nothing reads it."""
+        """Return the numbers of a run by name; its angle is None where no term reads it."""
         numbers = dataclasses.asdict(hyperparameters)
         return numbers | {"angle": None} if "angle" in numbers and self.no_angle() else numbers
 
@@ -236,7 +285,17 @@ class Learner(eqx.Module):
         callbacks: Callbacks | None = None,
         chunk: int = 500,
     ) -> Trained:
-        """Train on sets of demonstrations alone, as `train`; `dataset` picks the set of each run.
+        """Train on sets of demonstrations alone, as `train`.
+
+        Args:
+            static: Config of all runs.
+            hyperparameters: Numbers of each run; their `dataset` is the index of the run's set.
+            datasets: Sets of demonstrations.
+            callbacks: Progress, monitor, checkpoint.
+            chunk: Updates between two calls of the callbacks.
+
+        Returns:
+            The trained runs.
 
         Raises:
             UserError: If there is no run, or no such set of demonstrations.
@@ -256,12 +315,19 @@ class Learner(eqx.Module):
     ) -> Trained:
         """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
-        Hyperparameters are frozen dataclasses of numbers, with a `seed`. `world` is a description
-        for the checkpoint.
+        Args:
+            hyperparameters: Frozen dataclasses of numbers, with a `seed`, one for each run.
+            callbacks: Progress, monitor, checkpoint.
+            chunk: Updates between two calls of the callbacks.
+            before_chunk: Adds experience from outside JAX (`learners.collect`).
+            world: Description of the world; a checkpoint of another one is refused.
+
+        Returns:
+            The trained runs.
 
         Raises:
-            UserError: If there is no run, or two of a learner of the user's own are equal but
-                for their angles.
+            UserError: If there is no run, code of the user's own fails, or two of a learner of the
+                user's own are equal except for their angles.
             Stopped: On Ctrl-C.
         """
         if not hyperparameters:

@@ -125,9 +125,11 @@ def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterat
     names = [name for name, choice in CHOICES.items() if choice == getattr(view, "choice", None)]
     if not names or (view is None) != (names == ["flat"]):
         raise UserError("this dial reads a gridworld: give one of the intersection")
-    low, high = static.low, static.high
+    low = static.low
+    high = static.high
     if (low, high) == (type(static).low, type(static).high):
-        low, high = dial.low, dial.high
+        low = dial.low
+        high = dial.high
     if not dial.low <= low <= high <= dial.high:
         raise UserError(
             f"this dial is of angles from {dial.low:g} to {dial.high:g}: "
@@ -167,6 +169,14 @@ def expected_return(
 
     Its maximum over all π is the greedy policy of E[G | s, a]: the cost-sensitive loss of
     Lazaric et al. 2016. The mean over actions changes no gradient, only the loss's variance.
+
+    Args:
+        outputs: Outputs of the network for each state and action.
+        returns: G(s, a), a sampled return of each state and action.
+        temperature: τ, in units of reward.
+
+    Returns:
+        The gain of each state in units of reward, and the entropy of π in nats.
     """
     logs = jax.nn.log_softmax(outputs / temperature, axis=-1)
     gains = returns - returns.mean(axis=-1, keepdims=True)
@@ -183,6 +193,14 @@ def regression_error(
 
     With e the errors of a state's actions it is ½ mean_a (e_a - ē)² + ½ w ē². For any w > 0 its
     minimum is E[G | s, a] = Q^π(s, a), and w = 1 is the mean squared error.
+
+    Args:
+        outputs: Outputs of the network for each state and action.
+        returns: G(s, a), a sampled return of each state and action.
+        value_weight: w, the weight of the error that all actions of a state share.
+
+    Returns:
+        The error of each state.
     """
     errors = outputs - returns
     shared = errors.mean(axis=-1, keepdims=True)
@@ -209,14 +227,15 @@ class DialIteration(Learner):
 
     def network(self, key: PRNGKeyArray) -> DialNetwork:
         """Draw a network with a pair of values for each action."""
-        static, (n_features, n_actions) = self.static, self.sizes
+        static = self.static
+        n_features, n_actions = self.sizes
         knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
         shape = (n_features, static.hidden, n_actions, static.activation, static.view)
         options = {"times": static.times, "pairs": True, "classes": static.classes}
         return DialNetwork.initialise(key, *shape, knots=knots, **options)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
-        """Draw a network from the run's seed or take the first one, beside an empty ring."""
+        """Draw a network from the run's seed or take the first one, and make an empty ring."""
         state, key = super().initialise(hyperparameters)
         if self.start is not None:
             state = self.first_state(self.start)
@@ -229,7 +248,16 @@ class DialIteration(Learner):
     def draw(
         self, _numbers: Any, state: TrainState, carry: Carry
     ) -> tuple[tuple[Labelled, Array], Carry]:
-        """Sample the ring; return labelled states and the share of the run that is done."""
+        """Sample the ring.
+
+        Args:
+            state: State of the run, for the number of updates done.
+            carry: Random key, and ring.
+
+        Returns:
+            A batch, `batch_size` labelled states and the share of the run that is done, and the
+            carry with the next key.
+        """
         key, for_batch = jax.random.split(carry.key)
         states = carry.replay.sample(for_batch, self.static.batch_size)
         return (states, state.optimiser.count / self.static.updates), carry._replace(key=key)
@@ -237,7 +265,16 @@ class DialIteration(Learner):
     def loss(
         self, network: Any, _target: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Array, Terms]:
-        """The regression's loss of both rewards, or at the end the expected score's."""
+        """Return the regression's loss of both rewards, or at the end the expected score's.
+
+        Args:
+            network: Network of (Q_env, Q_social).
+            batch: What `draw` returned.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and the terms "loss", "error", "gain" and "entropy".
+        """
         (observation, returns), progress = batch
         features, direction = _turned(observation, self.static.classes)
         values = jax.vmap(network.value_pair)(features, direction)
@@ -247,7 +284,9 @@ class DialIteration(Learner):
         ]
         outputs, gains = (score(_of_rows(direction), pair) for pair in (values, returns))
         gain, entropy = expected_return(outputs, gains, hyperparameters.temperature)
-        gain, entropy, error = gain.mean(), entropy.mean(), jnp.stack(errors).sum()
+        gain = gain.mean()
+        entropy = entropy.mean()
+        error = jnp.stack(errors).sum()
         ending = -gain - hyperparameters.entropy * entropy
         loss = jnp.where(progress < hyperparameters.regression, error, ending)
         return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
@@ -255,9 +294,19 @@ class DialIteration(Learner):
     def policy(
         self, hyperparameters: IterationHyperparameters, state: TrainState, _retained: Any = None
     ) -> DialPolicy | ClassDial:
-        """Return the running average of the network as a dial."""
-        static, record = self.static, self.record(hyperparameters)
-        kind, temperature = kind_of_dial(static), hyperparameters.temperature
+        """Return the running average of the network as a dial.
+
+        Args:
+            hyperparameters: Numbers of the run, for the temperature and the record.
+            state: State of the run.
+
+        Returns:
+            The dial; of the social angle and the class angle with `classes`.
+        """
+        static = self.static
+        record = self.record(hyperparameters)
+        kind = kind_of_dial(static)
+        temperature = hyperparameters.temperature
         return kind.of(state.target_network, temperature, static.low, static.high, record)
 
 
@@ -276,7 +325,9 @@ class LabelCollector(BaseCollector):
         improved: DialPolicy | None = None,
     ) -> None:
         super().__init__([run.seed for run in hyperparameters])
-        self._learner, self._numbers, self._labellers = learner, hyperparameters, labellers
+        self._learner = learner
+        self._numbers = hyperparameters
+        self._labellers = labellers
         self._improved = improved
 
     def __call__(self, runs: Runs, done: int) -> Runs:
@@ -286,12 +337,23 @@ class LabelCollector(BaseCollector):
         return super().__call__(runs, done)
 
     def collected(self, runs: Runs, done: int, streams: Sequence[np.random.Generator]) -> Labelled:
-        """Return the labelled states of a chunk."""
+        """Return the labelled states of a chunk.
+
+        Args:
+            runs: State of all runs; the policies are the running averages, unless a dial is
+                improved.
+            done: Number of updates done.
+            streams: Random numbers of each run.
+
+        Returns:
+            The labelled states, (run, state, ...).
+        """
         batches = [self._labelled(runs, run, done, rng) for run, rng in enumerate(streams)]
         return jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
 
     def _labelled(self, runs: Runs, run: int, done: int, rng: np.random.Generator) -> Labelled:
-        static, n_actions = self._learner.static, self._learner.sizes[1]
+        static = self._learner.static
+        n_actions = self._learner.sizes[1]
         network = network_of(runs.state.target_network, run)
         current = kind_of_dial(static).of(network, 1.0, static.low, static.high, {})
         follow = greedy(self._improved or current)
@@ -318,9 +380,11 @@ def greedy(dial: DialPolicy | ClassDial) -> Act:
 
     A pooled view encodes the present vehicles alone, which is faster.
     """
-    view, layers = dial.turned.view, dataclasses.replace(dial.turned, view=None)
+    view = dial.turned.view
+    layers = dataclasses.replace(dial.turned, view=None)
     encode: Any = view
-    classes, knots = isinstance(dial, ClassDial), getattr(dial, "knots", ())
+    classes = isinstance(dial, ClassDial)
+    knots = getattr(dial, "knots", ())
     if isinstance(view, View) and view.choice.pooled:
         encode = PresentRows(view)
 
@@ -343,9 +407,11 @@ def _turned(observation: Any, classes: bool) -> tuple[Any, RewardPair]:
     These are (cos α, sin α); with classes the class angle b is last, and sin α has the parts
     (sin α cos b, sin α sin b).
     """
-    xp, angles = observation.__array_namespace__(), 1 + classes
+    xp = observation.__array_namespace__()
+    angles = 1 + classes
     radians = xp.deg2rad(observation[:, -angles])
-    env, social = xp.cos(radians), xp.sin(radians)
+    env = xp.cos(radians)
+    social = xp.sin(radians)
     if classes:
         of_class = xp.deg2rad(observation[:, -1])
         social = ByClass(social * xp.cos(of_class), social * xp.sin(of_class))
@@ -368,11 +434,19 @@ def train(
 ) -> Trained:
     """Train one dial for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
-    Each run has a labeller of `chunk * static.states_per_update` states for each chunk;
-    `evaluation.road_training.dial_labeller` makes those of the intersection. The angle of the
-    hyperparameters is not used. `sizes` are the features of an observation without the angle, and
-    the number of actions. `start` is the dial that every run improves, with the network of
-    `static`; where the first rounds fill the ring, a new network improves it.
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run; the angle is not used.
+        labellers: Labeller of each run, of `chunk * static.states_per_update` states for each
+            chunk; `evaluation.road_training.dial_labeller` makes those of the intersection.
+        sizes: Features of an observation without the angle, and number of actions.
+        callbacks: Progress, monitor, checkpoint.
+        chunk: Updates between two rounds of labelling, and between two calls of the callbacks.
+        start: Dial that every run improves, with the network of `static`; where the first rounds
+            fill the ring, a new network improves it. None: each run begins with a new network.
+
+    Returns:
+        The trained runs.
 
     Raises:
         UserError: If there is no run, not one labeller for each, or another first network.
@@ -382,9 +456,11 @@ def train(
         raise UserError(
             f"{len(hyperparameters)} runs and {len(labellers)} labellers: pass one for each"
         )
-    learner, improved = DialIteration(static, sizes), None
+    learner = DialIteration(static, sizes)
+    improved = None
     if start is not None:
-        network, fresh = start.network(), jax.eval_shape(learner.network, jax.random.key(0))
+        network = start.network()
+        fresh = jax.eval_shape(learner.network, jax.random.key(0))
         shapes = [[leaf.shape for leaf in jax.tree.leaves(tree)] for tree in (network, fresh)]
         if shapes[0] != shapes[1] or network.activation != static.activation:
             raise UserError(

@@ -248,7 +248,15 @@ class LearnerHyperparameters(Averaged, Dataset):
 
 def _checks(rule: Rule) -> Callable[[Any, Sequence[str]], None]:
     def check(config: Any, names: Sequence[str]) -> None:
-        """Refuse fields that are out of range; for configs that are no `Settings`."""
+        """Refuse fields that are out of range; for configs that are no `Settings`.
+
+        Args:
+            config: Object with the fields.
+            names: Names of the fields.
+
+        Raises:
+            UserError: If a field is out of range.
+        """
         for name in names:
             rule(name, getattr(config, name))
 
@@ -278,7 +286,19 @@ def check_seeds(seeds: Sequence[int]) -> None:
 
 
 def listed(hyperparameters: Any, datasets: Any, simulator: Any) -> tuple[Any, Any]:
-    """Return lists of runs and sets, of which one may stand alone; refuse a wrong set or world."""
+    """Return lists of runs and sets, of which one may stand alone; refuse a wrong set or world.
+
+    Args:
+        hyperparameters: Numbers of each run, or those of one run.
+        datasets: Sets of demonstrations, or one set.
+        simulator: A compiled world; None without.
+
+    Returns:
+        The sequence of hyperparameters, and the sequence of sets.
+
+    Raises:
+        UserError: If a set has no returns, or the world can't be advanced.
+    """
     if not isinstance(hyperparameters, Sequence):
         hyperparameters = [hyperparameters]
     datasets = datasets if isinstance(datasets, Sequence) else [datasets]
@@ -313,11 +333,18 @@ def check_fit(
 ) -> tuple[int, int]:
     """Refuse runs whose data and world don't fit together, before any work is done.
 
-    A learner without demonstrations has None for the number of `sets`. `acts` says whether there is
-    a world, or experience from one. The (features, actions) that all `shapes` have are returned.
+    Args:
+        runs: Hyperparameters of each run.
+        sets: Number of sets of demonstrations; None for a learner without demonstrations.
+        online: Whether the learner acts in a world.
+        acts: Whether a world is given, or experience from one.
+        shapes: (features, actions) of each set of demonstrations and of the world.
+
+    Returns:
+        The (features, actions) that all shapes have.
 
     Raises:
-        UserError: The line says what is missing, is there without use, or doesn't fit.
+        UserError: The line says which part is missing, has no use, or doesn't fit.
     """
     if not runs:
         raise UserError("no runs: pass at least one set of hyperparameters")

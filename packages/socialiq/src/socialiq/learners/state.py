@@ -38,7 +38,16 @@ class TrainState(NamedTuple):
 
     @staticmethod
     def of(network: Any, has_target: bool = True, has_average: bool = False) -> TrainState:
-        """Begin with a network, copies as target network and average, and a fresh optimiser."""
+        """Begin with a network and a fresh optimiser.
+
+        Args:
+            network: The network, or networks.
+            has_target: Whether the state has a target network, here the same network.
+            has_average: Whether the state has an average of the weights, here the same network.
+
+        Returns:
+            The state before the first update.
+        """
         optimiser = _ADAM.init(eqx.filter(network, eqx.is_array))
         target_network = network if has_target else None
         return TrainState(network, target_network, optimiser, network if has_average else None)
@@ -49,9 +58,15 @@ class TrainState(NamedTuple):
         learning_rate: Any,
         polyak: Float[Array, ""] | float,
     ) -> TrainState:
-        """Take one Adam step; move the target network by the share `polyak` to the new network.
+        """Take one Adam step; move the target network towards the new network.
 
-        The learning rate is a scalar, or one for each part of the network: a prefix of its tree.
+        Args:
+            gradient: Gradient of the loss, with the structure of the network.
+            learning_rate: A scalar, or one for each part of the network: a prefix of its tree.
+            polyak: Share of the new network that is mixed into the target network.
+
+        Returns:
+            The state after the step; its average is unchanged.
         """
         direction, optimiser = _ADAM.update(gradient, self.optimiser)
         change = jax.tree.map(lambda rate, steps: _scaled(-rate, steps), learning_rate, direction)
@@ -156,7 +171,12 @@ class History:
     values: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
     def add(self, updates: int, values: dict[str, np.ndarray]) -> None:
-        """Record one chunk."""
+        """Record one chunk.
+
+        Args:
+            updates: Number of updates done at the end of the chunk.
+            values: Quantities by name, each (runs,).
+        """
         self.updates.append(updates)
         for name in sorted(values):  # the order in which a checkpoint gives them back
             self.values.setdefault(name, []).append(np.asarray(values[name], np.float64))
@@ -167,11 +187,31 @@ class History:
 
 
 def linear(first: Any, last: Any, done: Array, updates: int) -> Array:
-    """Return the rate of the update after `done` others; that of the last update is `last`."""
+    """Return the rate of an update, which changes linearly.
+
+    Args:
+        first: Rate from which it changes.
+        last: Rate of the last update.
+        done: Number of updates done.
+        updates: Number of updates of a run.
+
+    Returns:
+        The rate of the update after `done` updates.
+    """
     return first + (done + 1) / updates * (last - first)
 
 
 def cosine(first: Any, final_share: Any, done: Array, updates: int) -> Array:
-    """Return the rate after so many updates; at the end it is a share of the first."""
+    """Return the rate of an update, which falls as a cosine.
+
+    Args:
+        first: Rate of the first update.
+        final_share: Rate at the end, as a share of the first.
+        done: Number of updates done.
+        updates: Number of updates of a run.
+
+    Returns:
+        The rate of the update after `done` updates.
+    """
     fallen = 0.5 * (1.0 + jnp.cos(jnp.pi * done / updates))
     return first * (final_share + (1.0 - final_share) * fallen)

@@ -104,9 +104,11 @@ class AttainableSet:
         return float(max(longest, 0.0))
 
     def contains(self, point: RewardPair, tolerance: float = _TOLERANCE) -> bool:
-        """Whether some policy has these expected sums (E Σ r_env, E Σ r_social).
+        """Whether some policy has these expected sums.
 
-        The tolerance is the distance allowed outside, relative to the set's largest coordinate.
+        Args:
+            point: (E Σ r_env, E Σ r_social).
+            tolerance: Distance that is allowed outside, relative to the set's largest coordinate.
         """
         normals, offsets = self._half_planes()
         outside = normals @ np.array([point.env, point.social], np.float64) - offsets
@@ -157,7 +159,8 @@ def attainable_set(
     points: list[np.ndarray] = []
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
         # A stack in place of recursion: `pending` holds the points ahead, counter-clockwise.
-        last, pending = start, [end]
+        last = start
+        pending = [end]
         while pending:
             along = pending[-1] - last
             length = np.linalg.norm(along)
@@ -189,12 +192,15 @@ def _extreme_points(points: list[np.ndarray], tolerance: float) -> Float[np.ndar
     corners = corners or points[:1]
     index = 0
     while len(corners) > 2 and index < len(corners):
-        before, after = corners[index - 1], corners[(index + 1) % len(corners)]
-        chord, offset = after - before, corners[index] - before
+        before = corners[index - 1]
+        after = corners[(index + 1) % len(corners)]
+        chord = after - before
+        offset = corners[index] - before
         length = np.linalg.norm(chord)
         is_on_chord = False
         if length > tolerance:
-            along, normal = chord / length, np.array([chord[1], -chord[0]]) / length
+            along = chord / length
+            normal = np.array([chord[1], -chord[0]]) / length
             is_on_chord = 0.0 <= along @ offset <= length and normal @ offset <= tolerance
         if is_on_chord:
             corners.pop(index)

@@ -126,7 +126,8 @@ def horizon_evaluation(
         running = mdp.arrivals(mass)
     endings = np.einsum("sa,sak->k", visits, mdp.ending_probability)
     # So far the two entries hold the continuing steps and 0, as no outcome is a timeout.
-    endings[Ending.NONE], endings[Ending.TIMEOUT] = 0.0, running.sum()
+    endings[Ending.NONE] = 0.0
+    endings[Ending.TIMEOUT] = running.sum()
     totals = RewardPair(*(float((visits * reward).sum()) for reward in mdp.rewards))
     return HorizonEvaluation(totals, float(visits.sum()), endings, visits)
 

@@ -38,8 +38,12 @@ def octant_front(mdp: TabularMDP, parts: tuple[StateActionArray, ...], horizon: 
     """Compute every vertex of the front of a finite horizon.
 
     The method is optimistic linear support (Roijers et al. 2015): a point beyond a plane of the
-    hull of the points so far is found by optimising its normal, until no plane has one. `parts`
-    are the expected r_env, r_vehicle and r_vulnerable of each state and action.
+    hull of the points so far is found by optimising its normal, until no plane has one.
+
+    Args:
+        mdp: The MDP; its own rewards are not used.
+        parts: Expected r_env, r_vehicle and r_vulnerable, each (state, action).
+        horizon: Number of steps.
     """
 
     def best(normal: np.ndarray) -> np.ndarray:
@@ -63,7 +67,8 @@ def _supported(
         # are not negative.
         dominated = (points[:, None] - _FAR * scale * np.eye(3)).reshape(-1, 3)
         hull = ConvexHull(np.concatenate([points, dominated]))
-        normals, offsets = hull.equations[:, :3], -hull.equations[:, 3]
+        normals = hull.equations[:, :3]
+        offsets = -hull.equations[:, 3]
         sides = (normals >= -_TOLERANCE).all(axis=1)
         planes = np.unique(np.column_stack([normals, offsets])[sides].round(12), axis=0)
         added = list[np.ndarray]()

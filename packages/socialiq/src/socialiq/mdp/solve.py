@@ -44,11 +44,17 @@ def value_iteration(
 ) -> Solution:
     """Solve V(s) = max_a [r(s, a) + γ E V(s')], the optimum of Eq 2.1 (thesis 5.2).
 
-    The reward is usually R(α) of Eq 4.3. γ is in [0, 1], and 1 only if the optimum is finite. The
-    sweeps stop where one changes each state's value by at most the tolerance, relative to it.
     Values of 1e-16, a residue of cos 90°, select the thesis' altruistic expert of the 5x5 world.
     Values that cancel to almost 0 may oscillate by a rounding error. They are ignored once the
     largest value has met the tolerance for half of all sweeps.
+
+    Args:
+        mdp: The MDP; its own rewards are not used.
+        reward: r, (state, action), usually R(α) of Eq 4.3.
+        discount: γ in [0, 1]; 1 only if the optimum is finite.
+        tolerance: The sweeps stop where one changes each state's value by at most this, relative to
+            it.
+        max_sweeps: Largest number of sweeps.
 
     Raises:
         UserError: If the reward or the discount is invalid, or the sweeps do not converge.
@@ -59,11 +65,15 @@ def value_iteration(
     rows = np.arange(reward.size).reshape(reward.shape).T
     flow = discount * mdp.flow[rows.ravel()]
     earned = np.ascontiguousarray(reward.T)
-    v, residual, settled_sweeps = np.zeros(mdp.n_states), np.inf, 0
+    v = np.zeros(mdp.n_states)
+    residual = np.inf
+    settled_sweeps = 0
     for sweep in range(1, max_sweeps + 1):
         q = earned + (flow @ v).reshape(earned.shape)
-        previous, v = v, q.max(axis=0)
-        change, size = np.abs(v - previous), np.abs(v)
+        previous = v
+        v = q.max(axis=0)
+        change = np.abs(v - previous)
+        size = np.abs(v)
         residual = float(change.max())
         settled_sweeps += residual <= tolerance * size.max()
         given_up = settled_sweeps > max(_PATIENCE, sweep // 2)
@@ -83,8 +93,13 @@ def evaluate_policy(
 ) -> Solution:
     """Return the value of a stationary policy, by one sparse linear system (Eq 2.1).
 
-    V(s) = Σ_a π(a|s) Q(s, a), Q(s, a) = r(s, a) + γ E V(s'), with γ in [0, 1]; at 1 the policy must
-    be able to end from every state.
+    V(s) = Σ_a π(a|s) Q(s, a), Q(s, a) = r(s, a) + γ E V(s').
+
+    Args:
+        mdp: The MDP; its own rewards are not used.
+        policy: π, (state, action).
+        reward: r, (state, action).
+        discount: γ in [0, 1]; at 1 the policy must be able to end from every state.
 
     Raises:
         UserError: If an argument is invalid, or the undiscounted value is not finite.
@@ -107,6 +122,10 @@ def soft_value(q: StateActionArray, temperature: float) -> StateArray:
     """Return V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5), without overflow.
 
     SciPy's logsumexp would take most of a sweep's time on small tables.
+
+    Args:
+        q: Q, (state, action).
+        temperature: τ > 0, in units of the reward.
     """
     highest = q.max(axis=1)
     above = np.exp((q.T - highest) / temperature).sum(axis=0)
@@ -116,10 +135,14 @@ def soft_value(q: StateActionArray, temperature: float) -> StateArray:
 def greedy_policy(
     q: StateActionArray, prefer: Literal["first", "last"] = "first"
 ) -> StateActionArray:
-    """Return the one-hot policy of the first, or last, action of largest Q up to rounding.
+    """Return the one-hot policy of the action of largest Q up to rounding.
 
-    The tolerance is relative to the largest `|Q|` of the state alone, with no absolute part: at
-    90 degrees values of 1e-16 select the 5x5 world's expert (docs/worlds/crossing5.md).
+    The tolerance is relative to the largest `|Q|` of the state alone, with no absolute part: at 90
+    degrees values of 1e-16 select the 5x5 world's expert (docs/worlds/crossing5.md).
+
+    Args:
+        q: Q, (state, action).
+        prefer: Whether the first or the last of tied actions is taken.
     """
     return np.eye(q.shape[1])[best_action(q, prefer)]
 
@@ -127,7 +150,12 @@ def greedy_policy(
 def best_action(
     q: StateActionArray, prefer: Literal["first", "last"] = "first"
 ) -> Int[np.ndarray, " state"]:
-    """Return the index of the action that `greedy_policy` takes."""
+    """Return the index of the action that `greedy_policy` takes.
+
+    Args:
+        q: Q, (state, action).
+        prefer: Whether the first or the last of tied actions is taken.
+    """
     highest = q.max(axis=1, keepdims=True)
     tied = highest - q <= _TIED * np.abs(highest)
     if prefer == "first":
@@ -137,6 +165,10 @@ def best_action(
 
 def soft_policy(q: StateActionArray, temperature: float) -> StateActionArray:
     """Return π(a|s) = exp((Q(s, a) - V(s)) / τ), the optimal policy of Eq 2.5.
+
+    Args:
+        q: Q, (state, action).
+        temperature: τ, in units of the reward.
 
     Raises:
         UserError: If the temperature is not positive.
@@ -148,7 +180,14 @@ def soft_policy(q: StateActionArray, temperature: float) -> StateActionArray:
 def bellman_reward(
     mdp: TabularMDP, q: StateActionArray, v: StateArray, discount: float
 ) -> StateActionArray:
-    """Return r(s, a) = Q(s, a) - γ E V(s'), the inverse soft Bellman operator (Eq 2.6)."""
+    """Return r(s, a) = Q(s, a) - γ E V(s'), the inverse soft Bellman operator (Eq 2.6).
+
+    Args:
+        mdp: The MDP.
+        q: Q, (state, action).
+        v: V, (state,).
+        discount: γ.
+    """
     return q - discount * mdp.expected_next(v)
 
 
@@ -166,6 +205,11 @@ def discounted_occupancy(
     The sum over states and actions is (1 - γ) times the expected discounted length of an episode:
     1 if episodes never end, less otherwise. For this measure
     E_ρ[V(s) - γ V(s')] = (1 - γ) E_p0[V(s_0)], with V(s') = 0 where the episode ends.
+
+    Args:
+        mdp: The MDP.
+        policy: Action probabilities, (state, action).
+        discount: γ in [0, 1).
 
     Raises:
         UserError: If the policy is not a distribution, or the discount is outside [0, 1).

@@ -124,7 +124,7 @@ class TabularMDP:
     def reachable(self) -> Bool[np.ndarray, " state"]:
         """Return the states that some policy can visit, including the possible first states.
 
-        Successors of outcomes that end the episode do not count: no action is taken there.
+        Successors of outcomes that end the episode do not count: no action follows them.
         """
         sources, targets = self.flow.nonzero()
         edges = (np.ones(len(targets)), (targets, sources // self.n_actions))
@@ -152,6 +152,10 @@ def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndar
     """Return every state connected to `start` by a chain of edges, including `start`.
 
     The edges are sparse (state, state), not negative; a positive one at (i, j) adds i once j is in.
+
+    Args:
+        edges: Sparse (state, state), not negative. A positive one at (i, j) adds i once j is in.
+        start: The states to begin with.
     """
     reached = frontier = start
     while frontier.any():
@@ -161,7 +165,16 @@ def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndar
 
 
 def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> None:
-    """Refuse a reward that is not a finite float64 per state and action."""
+    """Refuse a reward that is not a finite float64 per state and action.
+
+    Args:
+        mdp: The MDP.
+        reward: The reward, (state, action).
+        name: Name of the reward in messages.
+
+    Raises:
+        UserError: If it has another shape or type, or a number is not finite.
+    """
     shape = (mdp.n_states, mdp.n_actions)
     if np.shape(reward) != shape:
         raise UserError(f"{name} has shape {np.shape(reward)}: give one number per {shape}")
@@ -170,7 +183,15 @@ def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> N
 
 
 def check_policy(mdp: TabularMDP, policy: np.ndarray) -> None:
-    """Refuse a policy, (state, action) or (time, state, action), that is no distribution."""
+    """Refuse a policy that is no distribution over actions.
+
+    Args:
+        mdp: The MDP.
+        policy: Action probabilities, (state, action) or (time, state, action).
+
+    Raises:
+        UserError: If it has another shape or type, or a number is negative, or sums are not 1.
+    """
     shape = (mdp.n_states, mdp.n_actions)
     if np.shape(policy)[-2:] != shape:
         raise UserError(f"policy has shape {np.shape(policy)}: its last two must be {shape}")

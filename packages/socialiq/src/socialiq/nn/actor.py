@@ -24,8 +24,8 @@ from socialiq.nn.view import Encoding
 class Actor(eqx.Module):
     """Mean and log-deviation of a squashed Gaussian, or a mean alone.
 
-    Attributes are as of `QNetwork`, and the length of an action. The last layer gives the means,
-    then the log-deviations if there are any.
+    Attributes are those of `QNetwork`, and `size`, the length of an action. The last layer gives
+    the means, then the log-deviations if there are any.
     """
 
     layers: tuple[eqx.nn.Linear, ...]
@@ -49,8 +49,23 @@ class Actor(eqx.Module):
     ) -> Actor:
         """Draw a network (`q_network.perceptron`), with deviations if it is stochastic.
 
-        `n_inputs` counts the observation and the `extra` inputs after it, those of an angle; `size`
-        is the length of an action and `scale` a common factor of the features.
+        Args:
+            key: Random key.
+            n_inputs: Number of inputs: the observation, and `extra` inputs after it.
+            hidden: Widths of the hidden layers.
+            size: Length of an action.
+            activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
+            scale: Factor of the first layer's inputs.
+            stochastic: Whether the last layer gives log-deviations too.
+            view: Name in `view.CHOICES` of the encoding of the observation.
+            times: Number of values of the time, the last feature of what a view reads; 0 without.
+            extra: Number of inputs of an angle.
+
+        Returns:
+            The actor.
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
         """
         widths = (*hidden, 2 * size if stochastic else size)
         layers, encoder = perceptron(key, n_inputs - extra, widths, view, (), times, extra)
@@ -68,7 +83,15 @@ class Actor(eqx.Module):
 
 
 def encoded(view: Encoding | None, inputs: Float[Array, " input"]) -> Float[Array, " encoded"]:
-    """Return an input with its observation as a view encodes it; further inputs stay."""
+    """Return an input with its observation as a view encodes it; further inputs stay.
+
+    Args:
+        view: Encoding of the observation; None returns the input unchanged.
+        inputs: One observation, then the inputs of an angle if there are any.
+
+    Returns:
+        The encoded observation, then the same further inputs.
+    """
     if view is None:
         return inputs
     count = view.n_features
@@ -91,7 +114,7 @@ class Critic(eqx.Module):
 
 
 class TwinCritics(eqx.Module):
-    """Two critics, by one view (Fujimoto et al. 2018): their minimum errs less high."""
+    """Two critics that share a view (Fujimoto et al. 2018); their minimum overestimates less."""
 
     first: Critic
     second: Critic
@@ -109,10 +132,31 @@ class TwinCritics(eqx.Module):
         times: int = 0,
         extra: int = 0,
     ) -> TwinCritics:
-        """Draw both, as `Actor.initialise`."""
+        """Draw both critics, each from its own key.
+
+        Args:
+            key: Random key.
+            n_inputs: Number of inputs without the action: the observation, and `extra` inputs after
+                it.
+            hidden: Widths of the hidden layers of each critic.
+            size: Length of an action.
+            activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
+            scale: Factor of the first layer's inputs, without the action.
+            view: Name in `view.CHOICES` of the encoding of the observation, which both critics
+                read.
+            times: Number of values of the time, the last feature of what a view reads; 0 without.
+            extra: Number of inputs of an angle.
+
+        Returns:
+            The critics.
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
+        """
         encoder = encoding(key, n_inputs - extra, view, times=times)
         width = encoder.width + extra if encoder else n_inputs
-        widths, keys = (width + size, *hidden, 1), jax.random.split(key)
+        widths = width + size, *hidden, 1
+        keys = jax.random.split(key)
         critics = (Critic(affine_layers(half, widths), activation, scale) for half in keys)
         return TwinCritics(*critics, view=encoder)
 
@@ -143,9 +187,17 @@ def squash_log_slope(u: Row) -> Row:
 
 
 def log_density_before(u: Row, mean: Row, log_std: Row) -> Scalar:
-    """Return log π(tanh(u)) = Σ log N(u; mean, std²) - Σ log(1 - tanh(u)²) (their Eq 21).
+    """Return log π(tanh(u)) = Σ log N(u; mean, std²) - Σ log(1 - tanh(u)²).
 
-    One row; sums run over the numbers of an action.
+    This is Eq 21 of Haarnoja et al. 2018, for one row; sums run over the numbers of an action.
+
+    Args:
+        u: Action before the tangent is taken.
+        mean: Mean of u.
+        log_std: Logarithm of the standard deviation of u.
+
+    Returns:
+        The log-density of the action, in nats.
     """
     standardised = (u - mean) * jnp.exp(-log_std)
     gaussian = -0.5 * jnp.square(standardised) - log_std - 0.5 * math.log(2.0 * math.pi)
@@ -153,12 +205,30 @@ def log_density_before(u: Row, mean: Row, log_std: Row) -> Scalar:
 
 
 def log_density(action: Row, mean: Row, log_std: Row) -> Scalar:
-    """Return log π(a) of an action, which is moved to at least `EDGE` from the bounds."""
+    """Return log π(a) of an action, which is moved to at least `EDGE` from the bounds.
+
+    Args:
+        action: One action in [-1, 1].
+        mean: Mean of u, the action before the tangent is taken.
+        log_std: Logarithm of the standard deviation of u.
+
+    Returns:
+        The log-density, in nats.
+    """
     inside = jnp.clip(action, -1.0 + EDGE, 1.0 - EDGE)
     return log_density_before(jnp.arctanh(inside), mean, log_std)
 
 
 def draw(noise: Row, mean: Row, log_std: Row) -> tuple[Row, Scalar]:
-    """Return the action tanh(mean + std noise), of standard normal noise, and its log-density."""
+    """Return the action tanh(mean + std noise) and its log-density.
+
+    Args:
+        noise: Standard normal noise, one number for each of an action.
+        mean: Mean of u, the action before the tangent is taken.
+        log_std: Logarithm of the standard deviation of u.
+
+    Returns:
+        The action in (-1, 1), and its log-density in nats.
+    """
     u = mean + jnp.exp(log_std) * noise
     return jnp.tanh(u), log_density_before(u, mean, log_std)

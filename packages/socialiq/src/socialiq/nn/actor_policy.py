@@ -25,21 +25,22 @@ SQUASHES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 """Functions from u to the action."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ActorPolicy(Memoryless, SavedNetwork):
-    """Policy of continuous actions in [-1, 1], the ends being the bounds of the world's: tanh(u).
+    """Policy of continuous actions tanh(u) in [-1, 1].
 
-    Deterministic, u is the mean; else it is drawn from N(mean, std²), if the network has
-    deviations.
+    The ends -1 and 1 are the bounds of the world's own actions. If the policy is deterministic, u
+    is the mean. Else it is drawn from N(mean, std²), if the network has deviations.
 
     Attributes:
-        action_size: Length of an action; the last layer has as many means, and no or as many
-            log-deviations.
+        action_size: Length of an action; the last layer has as many means, and as many
+            log-deviations or none.
         rng: Generator of the stochastic policy's draws.
-        squash: One of `SQUASHES`; "tanh" but for some imported policies.
+        squash: One of `SQUASHES`; "tanh", except in some imported policies.
     """
 
-    KIND, SETTINGS = "actor", ("action_size", "squash")
+    KIND = "actor"
+    SETTINGS = "action_size", "squash"
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -55,8 +56,18 @@ class ActorPolicy(Memoryless, SavedNetwork):
     def of(
         actor: Actor, provenance: Mapping[str, Any], rng: np.random.Generator | None = None
     ) -> ActorPolicy:
-        """Build the policy from a trained actor; its scale becomes part of the first layer."""
-        rng, fields = rng or np.random.default_rng(0), fields_of_network(actor)
+        """Build the policy from a trained actor; its scale becomes part of the first layer.
+
+        Args:
+            actor: The trained actor.
+            provenance: JSON-compatible record of how the policy was made.
+            rng: Generator of the stochastic policy's draws; None is one of seed 0.
+
+        Returns:
+            The policy, with NumPy weights.
+        """
+        rng = rng or np.random.default_rng(0)
+        fields = fields_of_network(actor)
         return ActorPolicy(action_size=actor.size, provenance=provenance, rng=rng, **fields)
 
     def network(self) -> Actor:
@@ -110,11 +121,12 @@ class ActorPolicy(Memoryless, SavedNetwork):
         return possible and len(self.biases[-1]) in (size, 2 * size)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ActorDial(Dial[ActorPolicy]):
-    """Trained dial of continuous actions; attributes as of `Dial`."""
+    """Trained dial of continuous actions; its attributes are those of `Dial`."""
 
-    KIND, NETWORK = "actor-dial", ActorPolicy
+    KIND = "actor-dial"
+    NETWORK = ActorPolicy
 
     @property
     def n_actions(self) -> int:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from socialiq.nn.dial_network import DialNetwork
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ClassDial(Saved):
     """One network for every social angle of a range and every class angle from 0 to 90 degrees.
 
@@ -45,7 +45,18 @@ class ClassDial(Saved):
         high: float,
         provenance: Mapping[str, Any],
     ) -> ClassDial:
-        """Build the dial from a trained network."""
+        """Build the dial from a trained network.
+
+        Args:
+            network: Network of both angles, one run.
+            temperature: τ of the stochastic policy softmax(Q/τ), in units of reward.
+            low: Smallest trained social angle, in degrees.
+            high: Largest trained social angle, in degrees.
+            provenance: JSON-compatible record of how the dial was made.
+
+        Returns:
+            The dial, with NumPy weights.
+        """
         return ClassDial(QPolicy.of(network, temperature, provenance), low, high, network.pairs)
 
     def of_class(self, class_angle: float) -> DialPolicy:
@@ -58,7 +69,8 @@ class ClassDial(Saved):
             UserError: If the class angle is not in [0, 90].
         """
         classes = np.array(class_weights(class_angle), self.turned.weights[0].dtype)
-        (first, *weights), biases = self.turned.weights, list(self.turned.biases)
+        first, *weights = self.turned.weights
+        biases = list(self.turned.biases)
         of_social = (first[:, -2:] @ classes)[:, None]
         weights = [np.concatenate([first[:, :-2], of_social], axis=1), *weights]
         if self.pairs:
@@ -92,8 +104,21 @@ class ClassDial(Saved):
 
     @classmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> ClassDial:
-        """Build a dial from a file's content, as `Saved.checked`."""
-        turned, pairs = QPolicy.checked(path, arrays, header, extra=3), header.get("pairs")
+        """Build a dial from a file's content, as `Saved.checked`.
+
+        Args:
+            path: The file, which errors name.
+            arrays: Named arrays of the file.
+            header: Header of the file.
+
+        Returns:
+            The dial.
+
+        Raises:
+            UserError: If arrays and header don't agree.
+        """
+        turned = QPolicy.checked(path, arrays, header, extra=3)
+        pairs = header.get("pairs")
         if type(pairs) is not bool or (pairs and turned.n_actions % 3):
             raise refusal(path, "has no values of three rewards for each action")
         return cls(turned, *range_of(path, header), pairs)

@@ -48,9 +48,27 @@ class DialNetwork(eqx.Module):
         knots: tuple[float, ...] = (),
         classes: bool = False,
     ) -> DialNetwork:
-        """Draw a network (`q_network.perceptron`) with hat functions around the knots, in degrees.
+        """Draw a network (`q_network.perceptron`) with hat functions around the knots.
 
-        With `pairs` Q is a pair, of both rewards; with `classes` r_social has two parts.
+        Args:
+            key: Random key.
+            n_features: Length of an observation.
+            hidden: Widths of the hidden layers.
+            n_actions: Number of actions.
+            activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
+            view: Name in `view.CHOICES` of the encoding of the observation.
+            one_hot: Smallest value and number of values of each feature, for observations of
+                integers; empty: the network reads the view.
+            times: Number of values of the time, the last feature of what a view reads; 0 without.
+            pairs: Whether Q of each action is a pair, of both rewards.
+            knots: Centres of the angle's hat functions, in degrees; none for (cos α, sin α) alone.
+            classes: Whether r_social has two parts, by class.
+
+        Returns:
+            The network.
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
         """
         rewards = 2 + classes
         widths = (*hidden, rewards * n_actions if pairs else n_actions)
@@ -70,9 +88,14 @@ class DialNetwork(eqx.Module):
     def value_pair(
         self, observation: Float[Array, " feature"], direction: RewardPair
     ) -> RewardPair:
-        """Return (Q_env, Q_social) of each action, each (action,), of a network with pairs.
+        """Return (Q_env, Q_social) of each action, of a network with pairs.
 
-        It has the form of the direction: r_social may have parts by class.
+        Args:
+            observation: One observation.
+            direction: (cos α, sin α), scalars; sin α may have parts by class.
+
+        Returns:
+            The values, each (action,), in the form of the direction.
         """
         return _split(self._outputs(observation, direction), direction)
 
@@ -88,8 +111,10 @@ class DialNetwork(eqx.Module):
 
         A fixed direction changes the first bias, and of pairs the last layer.
         """
-        layers, inputs = list(self.layers), jnp.concatenate(angle_columns(direction, self.knots))
-        first, count = layers[0], len(inputs)
+        layers = list(self.layers)
+        inputs = jnp.concatenate(angle_columns(direction, self.knots))
+        first = layers[0]
+        count = len(inputs)
         assert first.bias is not None
         bias = first.bias + first.weight[:, -count:] @ inputs
         layers[0] = with_weights(first, first.weight[:, :-count], bias)

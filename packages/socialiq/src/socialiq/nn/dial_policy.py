@@ -27,7 +27,7 @@ Settings = tuple[tuple[float, float], ...]
 Network = TypeVar("Network", bound=SavedNetwork)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Dial(Saved, Generic[Network]):
     """Base class of dials, one network for all social angles of a range.
 
@@ -69,7 +69,8 @@ class Dial(Saved, Generic[Network]):
 
     def _fixed(self, angle: float, recorded: Mapping[str, Any]) -> Network:
         """Return the network with the inputs of an angle as a part of its first bias."""
-        (first, *weights), (bias, *biases) = self.turned.weights, self.turned.biases
+        first, *weights = self.turned.weights
+        bias, *biases = self.turned.biases
         turned: Any = self.turned
         inputs = self.angle_inputs(angle)
         biases = (bias + first[:, -len(inputs) :] @ inputs, *biases)
@@ -88,14 +89,26 @@ class Dial(Saved, Generic[Network]):
 
     @classmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> Any:
-        """Build a dial from a file's content, as `Saved.checked`."""
+        """Build a dial from a file's content, as `Saved.checked`.
+
+        Args:
+            path: The file, which errors name.
+            arrays: Named arrays of the file.
+            header: Header of the file.
+
+        Returns:
+            The dial.
+
+        Raises:
+            UserError: If arrays and header don't agree.
+        """
         turned = cls.NETWORK.checked(path, arrays, header, extra=2)
         return cls(turned, *range_of(path, header))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DialPolicy(Dial[QPolicy]):
-    """Trained dial of `learners.dial`; attributes as of `Dial`, and those below.
+    """Trained dial of `learners.dial`; its attributes are those of `Dial`, and those below.
 
     Attributes:
         pairs: Whether the last layer gives Q_env of all actions, then Q_social of all actions.
@@ -106,19 +119,23 @@ class DialPolicy(Dial[QPolicy]):
 
     # A reader of version 1 would take pairs for twice as many actions, leave the settings out, and
     # take the hats of an angle for features.
-    KIND, VERSIONS, NETWORK = "dial", (1, 2), QPolicy
+    KIND = "dial"
+    VERSIONS = 1, 2
+    NETWORK = QPolicy
 
     pairs: bool = False
     settings: Settings = ()
     knots: tuple[float, ...] = ()
 
     def with_times(self, times: int) -> DialPolicy:
-        """Return the dial with a multiple of its values of the time, of which each acts as before.
+        """Return the dial for a clock of `times` values, a multiple of the number that it reads.
 
-        So a clock may tell more than the time, as `perception.FrontEnd.exit`.
+        Value t acts as t modulo the present number. A clock may then carry more than the time, as
+        with `perception.FrontEnd.exit`.
 
         Raises:
-            UserError: If it does not observe the time, or this is no multiple.
+            UserError: If the dial does not observe the time, or `times` is no multiple of the
+                present number of values.
         """
         view: Any = self.turned.view
         own = getattr(view, "times", 0)
@@ -137,7 +154,18 @@ class DialPolicy(Dial[QPolicy]):
         high: float,
         provenance: Mapping[str, Any],
     ) -> DialPolicy:
-        """Build the policy from a trained network."""
+        """Build the policy from a trained network.
+
+        Args:
+            network: Trained network, one run.
+            temperature: τ of the stochastic policy softmax(Q/τ), in units of reward.
+            low: Smallest trained social angle, in degrees.
+            high: Largest trained social angle, in degrees.
+            provenance: JSON-compatible record of how the dial was made.
+
+        Returns:
+            The dial, with NumPy weights and without settings.
+        """
         turned = QPolicy.of(network, temperature, provenance)
         return DialPolicy(turned, low, high, network.pairs, knots=network.knots)
 
@@ -166,7 +194,11 @@ class DialPolicy(Dial[QPolicy]):
         return np.append(direction, hats(np.array(angle), self.knots)).astype(direction.dtype)
 
     def at(self, angle: float) -> QPolicy:
-        """Return the policy of one angle, with pairs of the score of both values."""
+        """Return the policy of one angle in degrees; with pairs its Q is the score of both values.
+
+        Raises:
+            UserError: If the angle is outside the trained range.
+        """
         check_in_range(angle, self.low, self.high)
         setting = self.setting(angle)
         recorded = {"setting": setting} if self.settings else {}
@@ -178,7 +210,8 @@ class DialPolicy(Dial[QPolicy]):
             np.tensordot(direction, array.reshape(2, self.n_actions, *array.shape[1:]), 1)
             for array in (policy.weights[-1], policy.biases[-1])
         )
-        weights, biases = (*policy.weights[:-1], weight), (*policy.biases[:-1], bias)
+        weights = *policy.weights[:-1], weight
+        biases = *policy.biases[:-1], bias
         return replace(policy, weights=weights, biases=biases)
 
     def q_values_at(
@@ -186,11 +219,18 @@ class DialPolicy(Dial[QPolicy]):
         observations: Float[np.ndarray, "batch feature"],
         angles: Float[np.ndarray, " batch"],
     ) -> Float[np.ndarray, "batch action"]:
-        """Return Q of each observation at its angle in degrees: up to rounding the values of `at`.
+        """Return Q of each observation at its angle: up to rounding the values of `at`.
+
+        Args:
+            observations: Observations, (batch, feature).
+            angles: Angle of each observation, in degrees.
+
+        Returns:
+            Q, (batch, action); with pairs the scores of both values.
 
         Raises:
-            UserError: If an observation has another length or is not finite, or an angle is
-                outside the trained range.
+            UserError: If an observation has another length or is not finite, or an angle is outside
+                the trained range.
         """
         for end in (angles.min(), angles.max()) if len(angles) else ():
             check_in_range(float(end), self.low, self.high)
@@ -225,7 +265,19 @@ class DialPolicy(Dial[QPolicy]):
 
     @classmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> DialPolicy:
-        """Build a dial from a file's content, as `Saved.checked`."""
+        """Build a dial from a file's content, as `Saved.checked`.
+
+        Args:
+            path: The file, which errors name.
+            arrays: Named arrays of the file.
+            header: Header of the file.
+
+        Returns:
+            The dial.
+
+        Raises:
+            UserError: If arrays and header don't agree.
+        """
         knots = header.get("knots", [])
         numbers = isinstance(knots, list) and all(
             type(knot) is float and abs(knot) <= 720.0 for knot in knots
@@ -250,12 +302,30 @@ class DialPolicy(Dial[QPolicy]):
 
 
 def knots_between(low: float, high: float, count: int) -> tuple[float, ...]:
-    """Return as many angles at equal distances from low to high, in degrees; none for 0."""
+    """Return angles at equal distances.
+
+    Args:
+        low: First angle, in degrees.
+        high: Last angle, in degrees.
+        count: Number of angles.
+
+    Returns:
+        The angles in degrees; none for a count of 0.
+    """
     return tuple(np.linspace(low, high, count).tolist())
 
 
 def check_in_range(angle: float, low: float, high: float) -> None:
-    """Raise an error for an angle outside a dial's range, all in degrees."""
+    """Raise an error for an angle outside a dial's range.
+
+    Args:
+        angle: Social angle, in degrees.
+        low: Smallest trained angle, in degrees.
+        high: Largest trained angle, in degrees.
+
+    Raises:
+        UserError: If the angle is below `low` or above `high`.
+    """
     if not low <= angle <= high:
         raise UserError(
             f"angle {angle:g} is outside this dial's range: "
@@ -264,8 +334,20 @@ def check_in_range(angle: float, low: float, high: float) -> None:
 
 
 def range_of(path: Path, header: Header) -> tuple[float, float]:
-    """Return the lowest and the highest angle in a dial's header."""
-    low, high = header.get("low"), header.get("high")
+    """Return the lowest and the highest angle in a dial's header.
+
+    Args:
+        path: The file, which errors name.
+        header: Header of the file.
+
+    Returns:
+        The two angles, in degrees.
+
+    Raises:
+        UserError: If the header has no two floats with 0 <= low <= high < 360.
+    """
+    low = header.get("low")
+    high = header.get("high")
     if isinstance(low, float) and isinstance(high, float) and 0.0 <= low <= high < 360.0:
         return low, high
     raise refusal(path, "has no range of angles")

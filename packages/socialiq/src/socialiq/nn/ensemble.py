@@ -24,9 +24,9 @@ from socialiq.storage import kind_of
 MOST_MEMBERS = 32
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EnsemblePolicy(ValuePolicy):
-    """Policy that selects actions by the mean of its members' values, with a record of its own.
+    """Policy that selects actions by the mean of its members' values, with a record for the whole.
 
     Members are networks of any structure, for one kind of observation and one set of actions.
     """
@@ -45,7 +45,13 @@ class EnsemblePolicy(ValuePolicy):
     ) -> EnsemblePolicy:
         """Build the ensemble of policies of one temperature; of ensembles it gets the members.
 
-        By default the record is what all members record alike, such as learner and angle.
+        Args:
+            members: Networks, or ensembles of them.
+            provenance: Record of the ensemble; None is what all members record alike, such as
+                learner and angle.
+
+        Returns:
+            The ensemble; its members have no score of unlikeness.
 
         Raises:
             UserError: If there are none or too many, or they differ in features, actions or
@@ -92,8 +98,21 @@ class EnsemblePolicy(ValuePolicy):
 
     @classmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> EnsemblePolicy:
-        """Build an ensemble from a file's content, as `Saved.checked`."""
-        headers, provenance = header.get("members"), header.get("provenance")
+        """Build an ensemble from a file's content, as `Saved.checked`.
+
+        Args:
+            path: The file, which errors name.
+            arrays: Named arrays of the file, those of member n with the prefix `member_n.`.
+            header: Header of the file.
+
+        Returns:
+            The ensemble.
+
+        Raises:
+            UserError: If arrays and header don't agree, or the members can't form an ensemble.
+        """
+        headers = header.get("members")
+        provenance = header.get("provenance")
         if not (isinstance(headers, list) and isinstance(provenance, dict)):
             raise refusal(path, "lists no members")
         if len(headers) > MOST_MEMBERS or not all(isinstance(row, dict) for row in headers):

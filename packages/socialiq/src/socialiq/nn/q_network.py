@@ -52,7 +52,26 @@ class QNetwork(eqx.Module):
         scale: float = 1.0,
         times: int = 0,
     ) -> QNetwork:
-        """Draw a network (`perceptron`); `scale` is a common factor of features without a view."""
+        """Draw a network (`perceptron`).
+
+        Args:
+            key: Random key.
+            n_features: Length of an observation.
+            hidden: Widths of the hidden layers.
+            n_actions: Number of actions.
+            activation: Name in `ACTIVATIONS` of the activation between layers.
+            view: Name in `view.CHOICES` of the encoding of the observation.
+            one_hot: Smallest value and number of values of each feature, for observations of
+                integers; empty: the network reads the view.
+            scale: Common factor of features without a view.
+            times: Number of values of the time, the last feature of what a view reads; 0 without.
+
+        Returns:
+            The network.
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
+        """
         layers, encoder = perceptron(key, n_features, (*hidden, n_actions), view, one_hot, times)
         return QNetwork(layers, activation, encoder, scale)
 
@@ -93,7 +112,24 @@ class DuelingNetwork(eqx.Module):
         view: str = "flat",
         scale: float = 1.0,
     ) -> DuelingNetwork:
-        """Draw both networks, as `QNetwork.initialise`."""
+        """Draw both networks, each from its own key.
+
+        Args:
+            key: Random key.
+            temperature: τ, in units of Q.
+            n_features: Length of an observation.
+            hidden: Widths of the hidden layers of each network.
+            n_actions: Number of actions.
+            activation: Name in `ACTIVATIONS` of the activation between layers.
+            view: Name in `view.CHOICES` of the encoding of the observation.
+            scale: Common factor of features without a view.
+
+        Returns:
+            The network.
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
+        """
         for_value, for_logits = jax.random.split(key)
         value, logits = (
             QNetwork.initialise(half, n_features, hidden, outputs, activation, view, scale=scale)
@@ -141,8 +177,18 @@ def encoding(
 ) -> Encoding | None:
     """Return the encoding of a first layer: one-hot if the values are given, else a view.
 
-    A view's layers are drawn; the flat view has none and is None. Arguments and errors as of
-    `perceptron`.
+    Args:
+        key: Random key of a view's layers.
+        n_features: Length of an observation.
+        view: Name in `view.CHOICES`.
+        one_hot: Smallest value and number of values of each feature; empty: the view is used.
+        times: Number of values of the time, the last feature of what a view reads; 0 without.
+
+    Returns:
+        The encoding; None for the flat view, which has no layers.
+
+    Raises:
+        UserError: If the view is unknown or doesn't fit the observation.
     """
     if one_hot:
         return OneHot.of(one_hot)
@@ -180,9 +226,17 @@ def perceptron(
 ) -> tuple[tuple[eqx.nn.Linear, ...], Encoding | None]:
     """Draw layers, uniformly within ±1/sqrt(fan-in), and the encoding that the first one reads.
 
-    `widths` are those of the hidden layers, and the number of outputs. `one_hot` has the smallest
-    value and the number of values of each feature; `times` is the number of values of the time, the
-    last feature of what a view reads, and `extra` the inputs of an angle after the observation.
+    Args:
+        key: Random key.
+        n_features: Length of an observation.
+        widths: Widths of the hidden layers, then the number of outputs.
+        view: Name in `view.CHOICES` of the encoding of the observation.
+        one_hot: Smallest value and number of values of each feature; empty: the view is used.
+        times: Number of values of the time, the last feature of what a view reads; 0 without.
+        extra: Number of inputs of an angle after the observation.
+
+    Returns:
+        The layers, and the encoding; None for the flat view.
 
     Raises:
         UserError: If the view is unknown or doesn't fit the observation.
@@ -193,7 +247,15 @@ def perceptron(
 
 
 def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linear, ...]:
-    """Return affine layers of the given widths, beginning with the input's."""
+    """Return affine layers, drawn uniformly within ±1/sqrt(fan-in).
+
+    Args:
+        key: Random key.
+        sizes: Number of inputs of the first layer, then the outputs of each layer.
+
+    Returns:
+        The layers, one fewer than the sizes.
+    """
     keys = jax.random.split(key, len(sizes) - 1)
     return tuple(
         eqx.nn.Linear(inputs, outputs, key=layer_key)
@@ -204,7 +266,16 @@ def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linea
 def through(
     layers: Sequence[eqx.nn.Linear], activation: str, value: Float[Array, " input"]
 ) -> Float[Array, " output"]:
-    """Apply layers to a value, with the activation between them."""
+    """Apply layers to a value, with the activation between them.
+
+    Args:
+        layers: Layers in their order.
+        activation: Name in `ACTIVATIONS`.
+        value: Inputs of the first layer, without a batch axis.
+
+    Returns:
+        Outputs of the last layer, to which no activation is applied.
+    """
     *inner, last = layers
     for layer in inner:
         value = ACTIVATIONS[activation](layer(value))
@@ -212,7 +283,15 @@ def through(
 
 
 def network_of(networks: Any, run: int) -> Any:
-    """Return one of many networks whose arrays share a leading run axis."""
+    """Return one of many networks whose arrays share a leading run axis.
+
+    Args:
+        networks: Networks, or any tree of arrays, with the run axis.
+        run: Index of the run.
+
+    Returns:
+        The same tree without the run axis.
+    """
     return jax.tree.map(lambda leaf: leaf[run], networks)
 
 
@@ -227,6 +306,15 @@ def trainable(policy: Any) -> tuple[tuple[eqx.nn.Linear, ...], Encoding | None]:
 
 
 def with_weights(layer: eqx.nn.Linear, weight: Any, bias: Any) -> eqx.nn.Linear:
-    """Return a layer with these weights and biases."""
+    """Return a layer with these weights and biases.
+
+    Args:
+        layer: The layer that is copied.
+        weight: Weight matrix, (outputs, inputs).
+        bias: Bias, (outputs,).
+
+    Returns:
+        A layer with JAX arrays; `layer` is unchanged.
+    """
     arrays = (jnp.asarray(weight), jnp.asarray(bias))
     return eqx.tree_at(lambda linear: (linear.weight, linear.bias), layer, arrays)

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -87,7 +87,14 @@ class ValuePolicy(Memoryless, Saved):
 
 
 def checked_batch(observations: Any, n_features: int) -> Float32[np.ndarray, "batch feature"]:
-    """Return observations, (batch, features) of any precision, as float32.
+    """Return observations as float32.
+
+    Args:
+        observations: Observations of any precision, (batch, features).
+        n_features: Length of an observation.
+
+    Returns:
+        The observations, (batch, features).
 
     Raises:
         UserError: If an observation has another length than `n_features`, or is not finite.
@@ -129,7 +136,7 @@ def fields_of_network(network: Any) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class QPolicy(SavedNetwork, ValuePolicy):
     """Policy that selects actions from a Q-network: greedy, or from softmax(Q/τ).
 
@@ -137,7 +144,10 @@ class QPolicy(SavedNetwork, ValuePolicy):
     unlike training a state is, if there is one.
     """
 
-    KIND, VERSIONS, SETTINGS, NO_VIEW = "policy", (2, 3), ("temperature",), {"view": None}
+    KIND = "policy"
+    VERSIONS = 2, 3
+    SETTINGS = ("temperature",)
+    NO_VIEW: ClassVar = {"view": None}
 
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
@@ -156,8 +166,19 @@ class QPolicy(SavedNetwork, ValuePolicy):
         provenance: Mapping[str, Any],
         rng: np.random.Generator | None = None,
     ) -> QPolicy:
-        """Build the policy from a trained network; its scale becomes part of the first layer."""
-        rng, fields = rng or np.random.default_rng(0), fields_of_network(network)
+        """Build the policy from a trained network; its scale becomes part of the first layer.
+
+        Args:
+            network: Trained network, one run: layers, activation, view, and a scale if it has one.
+            temperature: τ of the stochastic policy softmax(Q/τ), in units of Q.
+            provenance: JSON-compatible record of how the policy was made.
+            rng: Generator of the stochastic policy's draws; None is one of seed 0.
+
+        Returns:
+            The policy, with NumPy weights and without a score of unlikeness.
+        """
+        rng = rng or np.random.default_rng(0)
+        fields = fields_of_network(network)
         tau = float(temperature)
         return QPolicy(temperature=tau, provenance=provenance, rng=rng, **fields)
 
@@ -165,7 +186,7 @@ class QPolicy(SavedNetwork, ValuePolicy):
         """Return the network, which can be trained: the inverse of `of`.
 
         Raises:
-            UserError: If its activation is of an imported policy.
+            UserError: If its activation occurs in imported policies only.
         """
         from socialiq.nn import q_network  # learning needs JAX, acting does not
 
@@ -217,7 +238,20 @@ class QPolicy(SavedNetwork, ValuePolicy):
 
     @classmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header, extra: int = 0) -> QPolicy:
-        """Build the policy as `SavedNetwork.checked`, with its score of unlikeness if any."""
+        """Build the policy as `SavedNetwork.checked`, with its score of unlikeness if any.
+
+        Args:
+            path: The file, which errors name.
+            arrays: Named arrays of the file.
+            header: Header of the file.
+            extra: Number of the first layer's inputs that are not part of the observation.
+
+        Returns:
+            The policy.
+
+        Raises:
+            UserError: If arrays and header don't agree.
+        """
         policy = super().checked(path, arrays, header, extra)
         if not any(name.startswith(PREFIX) for name in arrays):
             return policy

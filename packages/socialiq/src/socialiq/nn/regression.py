@@ -34,9 +34,19 @@ def cross_fitted(
 ) -> Float[np.ndarray, "row output"]:
     """Return the mean target given the observation, from networks trained on other groups.
 
-    Rows of one group share noise: the number of a row's episode, from 0 without gaps. Groups are
-    divided into at most `FOLDS` folds. For each fold a network is fitted by least squares to the
-    rows of the other folds, all in one program.
+    Groups are divided into at most `FOLDS` folds. For each fold a network is fitted by least
+    squares to the rows outside the fold, all in one program.
+
+    Args:
+        observation: Inputs of each row.
+        target: Outputs to predict, of each row.
+        group: Number of the group of each row, from 0 without gaps, such as its episode; rows of
+            one group share noise.
+        seed: Seed of the folds, the batches and the networks.
+        steps: Gradient steps of each network.
+
+    Returns:
+        The prediction of each row, in the units of the target.
 
     Raises:
         UserError: If there is one group only.
@@ -44,9 +54,11 @@ def cross_fitted(
     n_groups = int(group.max()) + 1
     if n_groups < 2:
         raise UserError("values can't be fitted to one episode: pass two or more")
-    rng, folds = np.random.default_rng(seed), min(FOLDS, n_groups)
+    rng = np.random.default_rng(seed)
+    folds = min(FOLDS, n_groups)
     fold = (rng.permutation(n_groups) % folds)[group]
-    mean, spread = target.mean(axis=0), np.maximum(target.std(axis=0), 1e-9)
+    mean = target.mean(axis=0)
+    spread = np.maximum(target.std(axis=0), 1e-9)
     # Drawn here, because random numbers inside the program dominate its compile time.
     batches = [rng.choice(np.flatnonzero(fold != k), (steps, BATCH)) for k in range(folds)]
     networks = [

@@ -16,7 +16,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.nn.view import ROW, Choice, Encoding, OneHot, View, row_width
 from socialiq.reading import path_of
-from socialiq.storage import kind_of, load_arrays, save_arrays
+from socialiq.storage import content_hash, kind_of, load_arrays, save_arrays
 
 Arrays = Mapping[str, np.ndarray]
 Header = Mapping[str, Any]
@@ -54,6 +54,10 @@ class Saved(ABC):
         if "KIND" in vars(cls):
             FORMS[cls.KIND] = cls
 
+    def __repr__(self) -> str:
+        """Return the class and the beginning of a hash of the content, without weights."""
+        return f"{type(self).__name__} {content_hash(*self.content())[:8]}"
+
     @property
     def version(self) -> int:
         """Schema version that is written."""
@@ -68,12 +72,27 @@ class Saved(ABC):
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> Any:
         """Build the object from a file's arrays and header, with `sha256` in it.
 
+        Args:
+            path: The file, which errors name.
+            arrays: Named arrays of the file.
+            header: Header of the file.
+
+        Returns:
+            The object.
+
         Raises:
             UserError: If they don't agree.
         """
 
     def save(self, path: str | Path, replace: bool = True) -> str:
-        """Write one safetensors file, in a folder that exists; return the content's SHA-256.
+        """Write one safetensors file.
+
+        Args:
+            path: The file, in a folder that exists.
+            replace: Whether an existing file is replaced.
+
+        Returns:
+            SHA-256 of the content.
 
         Raises:
             UserError: If the file can't be written.
@@ -94,6 +113,14 @@ class Saved(ABC):
 def load_one_of(path: Path, classes: Sequence[type[Any]]) -> Any:
     """Read a file of one of several subclasses of `Saved`.
 
+    Args:
+        path: The file.
+        classes: The classes that are accepted; the last one reads, and refuses, a file of any
+            further kind.
+
+    Returns:
+        The object, of the class of the file's kind.
+
     Raises:
         UserError: If the file is missing, damaged, or holds something else.
     """
@@ -102,7 +129,15 @@ def load_one_of(path: Path, classes: Sequence[type[Any]]) -> Any:
 
 
 def refusal(path: Path, fault: str) -> UserError:
-    """Return the error of a file whose parts don't agree."""
+    """Return the error of a file whose parts don't agree.
+
+    Args:
+        path: The file.
+        fault: Rest of the sentence that begins with the path, such as "lists no members".
+
+    Returns:
+        The error, for the caller to raise.
+    """
     return UserError(f"{path} {fault}: make the file again")
 
 
@@ -153,14 +188,15 @@ class SavedNetwork(Saved):
 
     def hidden(self, inputs: np.ndarray) -> np.ndarray:
         """Return the outputs of the last hidden layer for the first layer's inputs."""
-        value, activation = inputs, ACTIVATIONS[self.activation]
+        value = inputs
+        activation = ACTIVATIONS[self.activation]
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             value = activation(value @ weight.T + bias)
         return value
 
     @abstractmethod
     def has_sound_settings(self) -> bool:
-        """Whether `SETTINGS` are of their types and ranges, and fit the last layer."""
+        """Whether `SETTINGS` have their types and ranges, and fit the last layer."""
 
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the named arrays and the header of the policy's file."""
@@ -185,7 +221,20 @@ class SavedNetwork(Saved):
     def checked(
         cls: type[Network], path: Path, arrays: Arrays, header: Header, extra: int = 0
     ) -> Network:
-        """Build the policy as `Saved.checked`; `extra` inputs are not part of the observation."""
+        """Build the policy as `Saved.checked`.
+
+        Args:
+            path: The file, which errors name.
+            arrays: Named arrays of the file.
+            header: Header of the file.
+            extra: Number of the first layer's inputs that are not part of the observation.
+
+        Returns:
+            The policy.
+
+        Raises:
+            UserError: If arrays and header don't agree, or a weight is not a finite number.
+        """
         count = header.get("layers")
         if type(count) is not int or not 1 <= count <= MOST_LAYERS:
             raise refusal(path, f"must have 1 to {MOST_LAYERS} layers")
@@ -217,7 +266,8 @@ def _fields_of(kind: type[SavedNetwork], arrays: Arrays, header: Header) -> dict
         view = OneHot(tuple(places["lows"]), tuple(places["sizes"]))
     elif described := header["view"]:
         weights, biases = _layers_named("view_", described["layers"], arrays)
-        times, choice = described.get("times", 0), Choice.of_described(described)
+        times = described.get("times", 0)
+        choice = Choice.of_described(described)
         view = View(weights, biases, choice, described["n_features"], times)
     weights, biases = _layers_named("", header["layers"], arrays)
     return {name: header[name] for name in kind.SETTINGS} | {
@@ -266,7 +316,7 @@ def _is_possible(view: Any) -> bool:
 
 
 def _chained(weights: Sequence[Any], biases: Sequence[Any], inputs: int) -> bool:
-    """Whether each layer takes what the one before it gives, the first so many inputs."""
+    """Whether each layer takes the outputs of the one before it, the first one `inputs` numbers."""
     for weight, bias in zip(weights, biases, strict=True):
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != inputs:
             return False

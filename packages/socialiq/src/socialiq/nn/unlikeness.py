@@ -45,6 +45,14 @@ class Unlikeness:
         The covariance is shrunk towards a multiple of the identity, so features that are constant
         in training have a small variance, not none.
 
+        Args:
+            training: Features, (row, feature), to which mean and covariance are fitted.
+            held_out: Features of other episodes, (row, feature), to which the thresholds are
+                fitted.
+
+        Returns:
+            The score.
+
         Raises:
             UserError: If no feature varies.
         """
@@ -72,7 +80,15 @@ class Unlikeness:
 
     @staticmethod
     def of_arrays(arrays: Mapping[str, np.ndarray], width: int) -> Unlikeness | None:
-        """Return the score in a file's arrays, for so many features; None if they don't fit."""
+        """Return the score in a file's arrays.
+
+        Args:
+            arrays: Named arrays of the file; those of the score begin with `PREFIX`.
+            width: Number of features that the score reads.
+
+        Returns:
+            The score; None if the arrays don't fit.
+        """
         names = (PREFIX + name for name in Unlikeness.__dataclass_fields__)
         parts = [arrays[name].astype(np.float32) for name in names if name in arrays]
         fits = [part.shape for part in parts] == [(width,), (width, width), RATES.shape]

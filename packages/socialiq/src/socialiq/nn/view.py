@@ -120,7 +120,8 @@ SECONDS = tuple(0.5 * number for number in range(11))
 PER_SECOND = 0.2
 """Unit of velocities, 20 m/s, over that of positions, 100 m."""
 
-BESIDE, ALONG = 0.05, 0.15
+BESIDE = 0.05
+ALONG = 0.15
 """5 m and 15 m; vehicles further beside or along are not close."""
 
 ENCODER = (64, 64)
@@ -169,11 +170,13 @@ class View:
         return self._vehicles(observation)
 
     def _vehicles(self, observation: Any) -> Any:
-        """Return the features of the ego and of the other vehicles."""
+        """Return the features of the ego and of the vehicles around it."""
         xp = observation.__array_namespace__()
         rows = observation.reshape(*observation.shape[:-1], -1, ROW)
-        ego, vehicles = rows[..., 0, :], rows[..., 1:, :]
-        of_ego, columns = self.absolute(ego), self.of_others(ego, vehicles)
+        ego = rows[..., 0, :]
+        vehicles = rows[..., 1:, :]
+        of_ego = self.absolute(ego)
+        columns = self.of_others(ego, vehicles)
         if not self.choice.pooled:
             return xp.concatenate([of_ego, columns.reshape(*columns.shape[:-2], -1)], axis=-1)
         for weight, bias in zip(self.weights, self.biases, strict=True):
@@ -187,14 +190,23 @@ class View:
         return xp.concatenate([row[..., 1:5] * self.choice.scale, row[..., 5:]], axis=-1)
 
     def of_others(self, ego: Any, vehicles: Any) -> Any:
-        """Return features of the other vehicles: presence, absolute, and optionally relative."""
+        """Return features of vehicles around the ego: presence, absolute, and optionally relative.
+
+        Args:
+            ego: Row of the ego, (..., 7).
+            vehicles: Rows of the vehicles around it, (..., vehicle, 7).
+
+        Returns:
+            The features, (..., vehicle, `row_width`); all 0 for a row without a vehicle.
+        """
         if isinstance(vehicles, np.ndarray):
             return self._of_others_in_numpy(ego, vehicles)
         xp = ego.__array_namespace__()
         columns = [vehicles[..., :1], self.absolute(vehicles)]
         if self.choice.relative:
             ego = ego[..., None, :]
-            scale, along = self.choice.scale, ego[..., 5:]
+            scale = self.choice.scale
+            along = ego[..., 5:]
             offset = vehicles[..., 1:3] - ego[..., 1:3]
             position, velocity = (
                 _turned(vector, along) for vector in (offset, vehicles[..., 3:5] - ego[..., 3:5])
@@ -208,18 +220,23 @@ class View:
 
     def _of_others_in_numpy(self, ego: np.ndarray, vehicles: np.ndarray) -> np.ndarray:
         """Return `of_others` to the bit, in few operations: each has a cost at a single row."""
-        scale, shape = self.choice.scale, (*vehicles.shape[:-1], row_width(self.choice))
+        scale = self.choice.scale
+        shape = *vehicles.shape[:-1], row_width(self.choice)
         columns = np.empty(shape, vehicles.dtype)
         columns[..., :ROW] = vehicles
         columns[..., 1:5] *= scale
         if self.choice.relative:
             ego = ego[..., None, :]
-            cos, sin = ego[..., 5:6], ego[..., 6:]
+            cos = ego[..., 5:6]
+            sin = ego[..., 6:]
             # position, velocity, heading; headings are only turned
             offset = vehicles[..., 1:].copy()
             offset[..., :4] -= ego[..., 1:5]
-            x, y, turned = offset[..., ::2], offset[..., 1::2], columns[..., ROW : ROW + 6]
-            turned[..., ::2], turned[..., 1::2] = x * cos + y * sin, y * cos - x * sin
+            x = offset[..., ::2]
+            y = offset[..., 1::2]
+            turned = columns[..., ROW : ROW + 6]
+            turned[..., ::2] = x * cos + y * sin
+            turned[..., 1::2] = y * cos - x * sin
             if self.choice.ahead:
                 columns[..., ROW + 6 :] = closeness(turned[..., :2], turned[..., 2:4])
             turned[..., :4] *= scale
@@ -232,10 +249,10 @@ Encoding = View | OneHot
 
 
 class PresentRows:
-    """A pooled view in NumPy that encodes only the vehicles that are there: faster, and the same.
+    """A pooled view in NumPy that encodes only the vehicles that are present, which is faster.
 
-    At the intersection an ego sees two or three of nine possible vehicles. Sums are taken in
-    another order than by the view itself, so last bits differ.
+    At the intersection an ego sees two or three of nine possible vehicles. The result is that of
+    the view itself, except that sums are taken in another order, so last bits differ.
 
     Attributes:
         view: The view, with NumPy weights; its activations are not negative, so that a row without
@@ -252,7 +269,8 @@ class PresentRows:
         times = self.view.times
         listed = observation[:, :-1] if times else observation
         rows = listed.reshape(len(observation), -1, ROW)
-        ego, vehicles = rows[:, 0], rows[:, 1:]
+        ego = rows[:, 0]
+        vehicles = rows[:, 1:]
         present = vehicles[..., 0] > 0
         counts = present.sum(axis=1)
         egos = np.repeat(ego, counts, axis=0)
@@ -274,13 +292,19 @@ class PresentRows:
 def closeness(position: Any, velocity: Any) -> Any:
     """Return how close vehicles come to the ego at each of `SECONDS`, if all keep their velocities.
 
-    A rule that brakes for who comes into the strip ahead needs a quotient of distances and speeds,
-    which a small network learns from many rows only. The closeness is the product of two hats, 5 m
-    to either side and 15 m before and behind.
+    A rule that brakes for a vehicle that comes into the strip ahead needs a quotient of distances
+    and speeds, which a small network learns from many rows only. The closeness is the product of
+    two hats, 5 m to either side and 15 m before and behind.
 
-    The position along the ego's heading and to its left is in units of 100 m, the velocity of 20
-    m/s, both relative, last axis of length 2. The last axis of the result has for each moment the
-    closeness, in [0, 1], then for each the closeness times the distance ahead in units of 15 m.
+    Args:
+        position: Position relative to the ego, along its heading and to its left, in units of 100
+            m; last axis of length 2.
+        velocity: Velocity relative to the ego in the same directions, in units of 20 m/s; last axis
+            of length 2.
+
+    Returns:
+        On the last axis the closeness at each moment, in [0, 1], then for each moment the closeness
+        times the distance ahead in units of 15 m.
     """
     xp = position.__array_namespace__()
     seconds = PER_SECOND * np.asarray(SECONDS, np.float32)
@@ -293,7 +317,10 @@ def closeness(position: Any, velocity: Any) -> Any:
 
 def _turned(vector: Any, along: Any) -> list[Any]:
     """Return components along a heading (cos, sin) and to its left, last axes of length 1."""
-    x, y, cos, sin = vector[..., :1], vector[..., 1:], along[..., :1], along[..., 1:]
+    x = vector[..., :1]
+    y = vector[..., 1:]
+    cos = along[..., :1]
+    sin = along[..., 1:]
     return [x * cos + y * sin, y * cos - x * sin]
 
 
@@ -309,10 +336,15 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
     an angle's best actions have kinks where the policy changes: linear pieces follow these, while
     (cos α, sin α) alone rounds them off and so favours the action whose value has the kink.
 
-    The angle is a NumPy or JAX array, and whole turns don't matter; the knots, at least two, are at
-    equal distances. The result has one more axis, of the knots.
+    Args:
+        degrees: Angles in degrees, a NumPy or JAX array; whole turns don't matter.
+        knots: Centres of the hats in degrees, at least two, at equal distances.
+
+    Returns:
+        The hats of each angle, on one more axis, of the knots.
     """
-    middle, distance = (knots[0] + knots[-1]) / 2, knots[1] - knots[0]
+    middle = (knots[0] + knots[-1]) / 2
+    distance = knots[1] - knots[0]
     offset = wrapped(degrees - middle, 180.0)  # of the angle from the middle knot
     centres = np.array(knots, np.float32) - np.float32(middle)
     xp = degrees.__array_namespace__()
@@ -320,9 +352,15 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
 
 
 def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
-    """Return the first layer's inputs of directions, NumPy or JAX arrays: the pair, then the hats.
+    """Return the first layer's inputs of directions: the pair, then the hats.
 
-    They have one more axis, of the inputs.
+    Args:
+        direction: (cos α, sin α), NumPy or JAX arrays; sin α may have parts by class, without
+            knots.
+        knots: Centres of the hats in degrees; none for the pair alone.
+
+    Returns:
+        The parts of the direction stacked on one more axis, then the hats if there are knots.
     """
     xp = direction.env.__array_namespace__()
     pair = xp.stack(direction.parts, axis=-1)

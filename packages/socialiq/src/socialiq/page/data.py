@@ -26,8 +26,7 @@ from socialiq.storage import open_csv, packaged_results
 from socialiq.types import Ending
 from socialiq.worlds.crossing7 import ABSENT, CONFLICT, SIZE, make
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Batch
+from socialiq.worlds.intersection.world import Intersection
 
 ANGLES = range(91)
 """Angles that the dial turns to, in degrees."""
@@ -44,7 +43,8 @@ def crossing() -> dict[str, Any]:
         of `ANGLES`; `radius`: for each angle the furthest point that lies at it
         (`AttainableSet.radius`), or None if there is none; `size` and `conflict` of the world.
     """
-    world, radii = make(), []
+    world = make()
+    radii = []
     table = tabulate(world).reachable_part()
     attainable = attainable_set(table.mdp, world.horizon)
     best = [attainable.optimum(float(angle)).vertex for angle in ANGLES]
@@ -73,8 +73,10 @@ def _corner(attainable: AttainableSet, number: int, table: Table) -> dict[str, A
     evaluation = horizon_evaluation(
         table.mdp, best.probabilities(table.mdp.n_actions), table.world.horizon
     )
-    visits, states = evaluation.visits, table.states
-    decisions, vehicles = np.zeros((SIZE, visits.shape[1])), np.zeros(SIZE)
+    visits = evaluation.visits
+    states = table.states
+    decisions = np.zeros((SIZE, visits.shape[1]))
+    vehicles = np.zeros(SIZE)
     np.add.at(decisions, states[:, 0], visits)
     by_state = visits.sum(axis=1)
     for row in (states[:, 2], states[:, 4]):
@@ -107,7 +109,8 @@ FLEET_STUDY = "population"
 CAUSED_STUDY = "caused-effects"
 """Folder of the results with the dial that is rewarded for what it causes."""
 
-FAMILY, SEED = "iterated", 60
+FAMILY = "iterated"
+SEED = 60
 """Dials improved by policy iteration; the training seed of the one beside the tables."""
 
 SHIFT_STUDY = "compare-shifts"
@@ -209,12 +212,12 @@ def fleet_dial() -> PageDial:
 
 
 def story(shipped: bool) -> dict[str, Any]:
-    """Return what the page's story needs beside the dials, JSON-compatible.
+    """Return what the page's story needs in addition to the dials, JSON-compatible.
 
     Returns:
-        `main` and `other`: the dial that it shows and the one beside it, or None; `seed`; `price`:
+        `main` and `other`: the dial that it shows and the one next to it, or None; `seed`; `price`:
         for each dial of the study of effects the metres that others lose, with their interval, and
-        the share of its own progress at the first angle that the ego keeps.
+        the share of the progress at its first angle that the ego keeps.
 
     Raises:
         UserError: If the package was installed without the committed results.
@@ -278,7 +281,8 @@ def own_dial(path: Path) -> PageDial:
         )
     if isinstance(dial.turned.view, View) and dial.turned.view.choice.ahead:
         raise UserError(f"{path} has the view set_ahead, which the page lacks: train it with set")
-    low, high = math.ceil(max(dial.low, 0.0)), math.floor(min(dial.high, 90.0))
+    low = math.ceil(max(dial.low, 0.0))
+    high = math.floor(min(dial.high, 90.0))
     if low > high:
         raise UserError(
             f"{path} has the angles {dial.low:g} to {dial.high:g} degrees, and the page turns from "
@@ -288,22 +292,32 @@ def own_dial(path: Path) -> PageDial:
         f"The dial is {path.name}, SHA-256 {dial.turned.sha256}. Its curve was measured when this "
         f"page was written: {EPISODES} episodes at each angle, seeds 1 to {EPISODES}."
     )
-    file, curve = read_bytes(path, _MOST), measured(dial, low, high)
+    file = read_bytes(path, _MOST)
+    curve = measured(dial, low, high)
     return PageDial(path.stem, file, low, high, curve, source)
 
 
 def measured(dial: DialPolicy, low: int, high: int, episodes: int = EPISODES) -> tuple[Point, ...]:
-    """Return a dial's trade-off curve by greedy episodes of the intersection, seeds 1 ff.
+    """Return a dial's trade-off curve, measured by greedy episodes of the intersection.
 
-    It has the first and the last angle, whole degrees, and the multiples of five between them.
+    Args:
+        dial: The dial.
+        low: First angle, whole degrees.
+        high: Last angle, whole degrees.
+        episodes: Number of episodes at each angle, with the seeds 1, 2, 3, ...; at least 2.
+
+    Returns:
+        A point for the first angle, the multiples of five between, and the last one, by rising
+        angle.
     """
     inner = range(-(-low // _EVERY) * _EVERY, high + 1, _EVERY)
     angles = [float(angle) for angle in sorted({low, *inner, high})]
-    batch = Batch(Options(), min(episodes, 500))
+    batch = Intersection().batch(min(episodes, 500))
     driven = rollout_dial(dial, batch, angles, np.arange(1, episodes + 1))
     points = []
     for angle, totals in zip(angles, driven.totals, strict=True):
-        means, deviations = totals.mean(axis=0).tolist(), totals.std(axis=0, ddof=1).tolist()
+        means = totals.mean(axis=0).tolist()
+        deviations = totals.std(axis=0, ddof=1).tolist()
         pairs = zip(means, deviations, strict=True)
         env, social = (_interval(mean, deviation, episodes) for mean, deviation in pairs)
         points.append(Point(angle, env, social))

@@ -5,7 +5,7 @@ from typing import Any
 from socialiq.page.webassembly.layout import layout
 from socialiq.storage import packaged_results, read_json
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.registry import WITH_CYCLISTS, make
+from socialiq.worlds.registry import make
 
 EPISODE = "page-core/people.json"
 
@@ -16,7 +16,8 @@ def people_data() -> dict[str, Any]:
     Raises:
         UserError: If the package was installed without the committed results.
     """
-    world: Any = make(WITH_CYCLISTS)
-    alone, shown = layout(Options()), layout(world.options)
+    world: Any = make("intersection", people=0.1, cyclists=0.1)
+    alone = layout(Options())
+    shown = layout(world.options)
     different = {name: value for name, value in shown.items() if value != alone[name]}
     return {"layout": different, **read_json(packaged_results() / EPISODE)}

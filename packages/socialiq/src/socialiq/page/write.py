@@ -35,9 +35,12 @@ _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", r
 
 
 def program(start: str = START, folder: Path = ASSETS) -> str:
-    """Return a program: a script of a folder with every script that it needs, bare of comments.
+    """Return a program: a script with every script that it imports, bare of comments.
 
-    Scripts of several folders have different names, here without `.js`.
+    Args:
+        start: Name of the script that starts the program, without `.js`.
+        folder: Folder of this script. The imported ones may be in other folders; their names
+            differ.
     """
     sources: dict[str, str] = {}
 
@@ -94,7 +97,8 @@ def page(dial: PageDial | None = None) -> str:
         "people": people_data(),
         "late": [] if dial else late_shares(),
     }
-    style, script = (ASSETS / "style.css").read_text(encoding="utf-8"), program()
+    style = (ASSETS / "style.css").read_text(encoding="utf-8")
+    script = program()
     allowed = policy(script, style)
     blocks = {
         "policy": f'<meta http-equiv="Content-Security-Policy" content="{allowed}">\n',
@@ -111,7 +115,14 @@ def page(dial: PageDial | None = None) -> str:
 
 
 def framed(header: str, body: str, blocks: Mapping[str, str]) -> str:
-    """Return a page's HTML: the frame around a header and a body, with each block in its place."""
+    """Return a page's HTML: the frame around a header and a body, with each block in its place.
+
+    Args:
+        header: HTML of the page's header.
+        body: HTML of its body.
+        blocks: Text by the name of its place; a place is `{name}` in the frame, the header or the
+            body.
+    """
     text = (ASSETS / "frame.html").read_text(encoding="utf-8")
     text = _INDENT.sub("", text.replace("{header}", header).replace("{body}", body))
     return re.sub(r"\{(\w+)\}", lambda match: blocks[match[1]], text)
@@ -120,7 +131,12 @@ def framed(header: str, body: str, blocks: Mapping[str, str]) -> str:
 def policy(script: str, style: str, connect: str = "") -> str:
     """Return a content security policy that allows one program with its worker, and one style.
 
-    The program may compile WebAssembly, and connect to the sources; there are none by default.
+    The program may compile WebAssembly.
+
+    Args:
+        script: Text of the program.
+        style: Text of the style.
+        connect: Sources to which the program may connect, divided by blanks; by default none.
     """
     rules = [
         "default-src 'none'",

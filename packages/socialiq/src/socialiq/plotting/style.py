@@ -28,7 +28,15 @@ MARKS = {"baseline": "s", "egoistic": "^", "prosocial": "o", "altruistic": "D"}
 
 
 def figure(width: float, height: float) -> Figure:
-    """Return an empty figure of a size in inches."""
+    """Return an empty figure.
+
+    Args:
+        width: Width in inches.
+        height: Height in inches.
+
+    Raises:
+        UserError: If matplotlib is not installed.
+    """
     return drawing().Figure(figsize=(width, height), layout="constrained", dpi=110)
 
 
@@ -61,7 +69,13 @@ def finish(axes: Any, title: str = "", legend: int | None = None, **properties: 
 
 
 def head(drawing: Figure, title: str, legend: bool = False) -> None:
-    """Give a figure a title over all panels, and below them a legend of all, with its own room."""
+    """Give a figure a title over all panels, and on request a legend of all panels below them.
+
+    Args:
+        drawing: The figure; a legend makes it higher.
+        title: Title, which is broken into lines of the figure's width.
+        legend: Whether to draw the legend; panels with one label share an entry.
+    """
     size = max(10.0, smallest_font(drawing))
     letters = int(drawing.get_figwidth() * 72 / (0.52 * size))
     drawing.suptitle(textwrap.fill(title, letters), fontsize=size)
@@ -91,12 +105,30 @@ def png(figures: Mapping[str, Figure]) -> dict[str, bytes]:
 
 
 def line(axes: Any, rows: Sequence[Row], x: str, y: str, **style: Any) -> None:
-    """Draw one column of the rows against another, in the order of the rows."""
+    """Draw one column of the rows against another, in the order of the rows.
+
+    Args:
+        axes: Where to draw.
+        rows: Rows of a table.
+        x: Column of the horizontal axis.
+        y: Column of the vertical axis.
+        **style: Options of the line.
+    """
     axes.plot([row[x] for row in rows], [row[y] for row in rows], **style)
 
 
 def spread(rows: Sequence[Row], x: str, y: str) -> tuple[np.ndarray, ...]:
-    """Return the distinct values of a column, and mean, least and largest of another at each."""
+    """Return mean and range of a column over rows of equal `x`.
+
+    Args:
+        rows: Rows of a table.
+        x: Column whose distinct values group the rows.
+        y: Column that is summarised.
+
+    Returns:
+        Four arrays of one length: the distinct values of `x`, rising, and at each the mean, least
+        and largest value of `y`.
+    """
     places = sorted({row[x] for row in rows})
     values = [[row[y] for row in rows if row[x] == number] for number in places]
     return (
@@ -125,7 +157,8 @@ def band(axes: Any, rows: Sequence[Row], x: str, y: str, factor: float = 1.0, **
 
 
 _OUTSIDE = 1.14  # radius of the thesis' marks
-_ARC, _ARC_STEP = 0.95, 0.015  # radii of the first arc, and from one to the next
+_ARC = 0.95  # radius of the first arc
+_ARC_STEP = 0.015  # difference of the radii of two neighbouring arcs
 
 
 class Mark(NamedTuple):
@@ -147,12 +180,21 @@ class Mark(NamedTuple):
 
 
 def ring(marks: Sequence[Mark], title: str) -> Figure:
-    """Draw our angles on the ring, spreads as arcs inside, the thesis' as open marks outside."""
+    """Draw angles on a ring: ours as filled marks, spreads as arcs inside, the thesis' outside.
+
+    Args:
+        marks: Policies to draw; the arc of each later one has a smaller radius.
+        title: Title of the figure.
+
+    Raises:
+        UserError: If matplotlib is not installed.
+    """
     selected = figure(6.4, 6.0)
     axes = selected.add_subplot()
     axes.plot(*_arc(0.0, 360.0, 1.0), color="#cccccc", linewidth=1.2)
     for degrees in range(0, 360, 45):
-        x, y = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        x = np.cos(np.radians(degrees))
+        y = np.sin(np.radians(degrees))
         axes.text(0.82 * x, 0.82 * y, f"{degrees}°", ha="center", va="center", color="#888888")
     for number, mark in enumerate(marks):
         if mark.spread is not None:
@@ -181,6 +223,7 @@ def _arc(low: float, high: float, radius: float) -> tuple[np.ndarray, np.ndarray
 def _mark(
     axes: Any, name: str, degrees: float, radius: float, size: int, face: str, label: str | None
 ) -> None:
-    x, y = radius * np.cos(np.radians(degrees)), radius * np.sin(np.radians(degrees))
+    x = radius * np.cos(np.radians(degrees))
+    y = radius * np.sin(np.radians(degrees))
     style = {"marker": MARKS[name], "markersize": size, "markeredgecolor": COLORS[name]}
     axes.plot([x], [y], linestyle="none", markerfacecolor=face, label=label, **style)

@@ -53,7 +53,8 @@ def model_card(
     Raises:
         UserError: If the evaluation is not such an object.
     """
-    facts, measured = dict(training or {}), _measured(evaluation)
+    facts = dict(training or {})
+    measured = _measured(evaluation)
     record = dict(policy.provenance)
     angle = trained_angle(record)
     size = policy.action_size if isinstance(policy, ActorPolicy) else 0
@@ -84,8 +85,23 @@ def card_materials(
     training: Mapping[str, Any] | None = None,
     evaluation: Mapping[str, Any] | None = None,
 ) -> bytes:
-    """Return the facts of a card as a bill of materials, CycloneDX 1.7; see `model_card`."""
-    facts, measured = dict(training or {}), _measured(evaluation)
+    """Return the facts of a card as a bill of materials, CycloneDX 1.7.
+
+    Args:
+        policy: The policy.
+        name: Its name.
+        file_sha256: SHA-256 of its file; "" leaves it out.
+        training: Further records of its training, as in `model_card`.
+        evaluation: One flat object of names and numbers, as in `model_card`.
+
+    Returns:
+        The bytes of `bill_of_materials`.
+
+    Raises:
+        UserError: If the evaluation is not such an object.
+    """
+    facts = dict(training or {})
+    measured = _measured(evaluation)
     data = [*_rows(facts.get("data"), "data"), *_rows(facts.get("inputs"), "inputs")]
     rows = [(key, str(value)) for key, value in _details(policy, facts) if value != BLANK]
     rows += [(f"procedure.{key}", value) for key, value in _rows(dict(policy.provenance), "")]
@@ -137,7 +153,8 @@ def _outputs(policy: Exported) -> str:
 
 def _network(policy: Exported) -> str:
     """Return the widths and activation of a network, or of each network of an ensemble."""
-    texts, members = [], _networks(policy)
+    texts = []
+    members = _networks(policy)
     for network in members:
         widths = [network.weights[0].shape[1], *(len(bias) for bias in network.biases)]
         texts.append(f"{'-'.join(map(str, widths))}, {network.activation}")
@@ -161,7 +178,8 @@ def _networks(policy: Exported) -> tuple[Any, ...]:
 
 def _rows(value: Any, name: str) -> Iterator[tuple[str, str]]:
     """Yield nested settings as (dotted name, value), at most `MOST_ROWS`."""
-    waiting, count = [(name, value)], 0
+    waiting = [(name, value)]
+    count = 0
     while waiting and count < MOST_ROWS:
         key, entry = waiting.pop(0)
         if isinstance(entry, Mapping) and entry:
@@ -253,8 +271,22 @@ def bill_of_materials(
 ) -> bytes:
     """Return a bill of materials of one policy, of the facts that are known.
 
-    `version` is that of socialiq, `file_sha256` of the policy's file, if it is one; `limits` are
-    sentences, `properties` further facts by names of this package's own ("socialiq:...").
+    What is empty or None is left out.
+
+    Args:
+        name: Name of the policy.
+        version: Version of socialiq.
+        file_sha256: SHA-256 of the policy's file, if it has one.
+        architecture: Its network, in words.
+        inputs: Form of its observations, in words.
+        outputs: Form of its actions, in words.
+        data: Facts about its training data, by name.
+        metrics: Measured numbers.
+        limits: Technical limits, each a sentence.
+        properties: Further facts by name; this package's names begin with "socialiq:".
+
+    Returns:
+        A JSON object as indented text with a newline at its end. Equal arguments give equal bytes.
     """
     parameters: dict[str, Any] = {"task": "choose the action of a vehicle for an observation"}
     parameters |= {"modelArchitecture": architecture} if architecture else {}

@@ -21,14 +21,17 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.unlikeness import Unlikeness
 from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, ROW, SECONDS, OneHot, View, row_width
 from socialiq.policies.front_end import MEMORY, NEXT, SENSED, Node, Nodes
-from socialiq.worlds.intersection.perception import FrontEnd
+from socialiq.worlds.highway.perception import FrontEnd
 
 Exported = QPolicy | EnsemblePolicy | ActorPolicy
 """Policies that are exported; of a dial, `at` gives the policy at an angle."""
 
 OPSET = 17
 IR_VERSION = 8
-INPUT, SCORES, ACTIONS, UNLIKENESS = "observation", "q_values", "actions", "unlikeness"
+INPUT = "observation"
+SCORES = "q_values"
+ACTIONS = "actions"
+UNLIKENESS = "unlikeness"
 """Names of the input and of the outputs."""
 
 # Places in a row of (x, y) of position, velocity and heading; and of the same as (y, x).
@@ -49,12 +52,20 @@ def to_onnx(policy: Exported, front_end: FrontEnd | None = None) -> bytes:
     With a front end the inputs are what the sensors show, `sensed`, and `memory`, zeros where an
     episode begins; the further output `memory_after` is the memory of the next decision.
 
+    Args:
+        policy: The policy.
+        front_end: Front end of the intersection before the policy; None for none.
+
     Raises:
-        UserError: If the extra `onnx` is not installed, or a front end is of continuous actions.
+        UserError: If the extra `onnx` is not installed, or a front end is of continuous actions or
+            of another road.
     """
     onnx = optional("onnx", "onnx", "ONNX files")
-    helper, kinds, info = onnx.helper, onnx.TensorProto, onnx.helper.make_tensor_value_info
-    graph, temperature = _Graph(onnx), ""
+    helper = onnx.helper
+    kinds = onnx.TensorProto
+    info = onnx.helper.make_tensor_value_info
+    graph = _Graph(onnx)
+    temperature = ""
     if isinstance(policy, ActorPolicy):
         if front_end is not None:
             raise UserError("a front end is of discrete actions: leave out --front-end")
@@ -73,7 +84,7 @@ def to_onnx(policy: Exported, front_end: FrontEnd | None = None) -> bytes:
             outputs.append(info(graph.unlikeness(policy.unlikeness), kinds.FLOAT, ["batch", 1]))
     inputs = [info(INPUT, kinds.FLOAT, ["batch", policy.n_features])]
     if front_end is not None:
-        width = graph.sense(policy.n_features, front_end)
+        width = graph.sense(policy, front_end)
         names = ((SENSED, policy.n_features), (MEMORY, width), (NEXT, width))
         *inputs, after = (info(name, kinds.FLOAT, ["batch", size]) for name, size in names)
         outputs.append(after)
@@ -101,24 +112,44 @@ class _Graph:
     """Nodes and constants of a graph, added from the observation onwards."""
 
     def __init__(self, onnx: Any) -> None:
-        self._onnx, self._hidden = onnx, INPUT
+        self._onnx = onnx
+        self._hidden = INPUT
         self.nodes: list[Any] = []
         self.constants: dict[str, np.ndarray] = {}
 
     def add(
         self, operator: str, inputs: list[str], name: str, *further: str, **attributes: Any
     ) -> str:
-        """Add a node with an output of the same name, and maybe further ones; return the name."""
+        """Add a node whose first output has the node's name.
+
+        Args:
+            operator: Name of the ONNX operator.
+            inputs: Names of its inputs.
+            name: Name of the node and of its first output.
+            *further: Names of its further outputs.
+            **attributes: Attributes of the operator.
+
+        Returns:
+            The name.
+        """
         outputs = [name, *further]
         node = self._onnx.helper.make_node(operator, inputs, outputs, name=name, **attributes)
         self.nodes.append(node)
         return name
 
-    def sense(self, n_features: int, front_end: FrontEnd) -> int:
+    def sense(self, policy: Any, front_end: FrontEnd) -> int:
         """Put a front end before the policy's nodes and behind them; return its memory's length."""
+        n_features = policy.n_features
+        actions = len(front_end.ego.changes)
+        if policy.n_actions != actions:
+            raise UserError(
+                f"the policy has {policy.n_actions} actions, the front end's road {actions}: name "
+                "its road by --world"
+            )
         if n_features < 2 * ROW or n_features % ROW > 1:
-            raise UserError("a front end is of the intersection: leave out --front-end")
-        sensed, nodes = n_features - n_features % ROW, self.nodes
+            raise UserError("a front end is of rows of vehicles: leave out --front-end")
+        sensed = n_features - n_features % ROW
+        nodes = self.nodes
         self.nodes = []
         xp = Nodes(self)
         estimate, memory = front_end.see(Node(self, SENSED), Node(self, MEMORY), sensed, xp=xp)
@@ -130,14 +161,33 @@ class _Graph:
         return front_end.memory(1, sensed).shape[1]
 
     def constant(self, name: str, array: np.ndarray) -> str:
-        """Add a constant unless it exists; return its name."""
+        """Add a constant unless there is one of that name.
+
+        Args:
+            name: Name of the constant.
+            array: Its values.
+
+        Returns:
+            The name.
+        """
         self.constants.setdefault(name, array)
         return name
 
     def affine(
         self, value: str, weight: np.ndarray, bias: np.ndarray, name: str, output: str = ""
     ) -> str:
-        """Add an affine layer; layers of one name share weights, so their outputs need names."""
+        """Add an affine layer.
+
+        Args:
+            value: Name of the input, (batch, in).
+            weight: Weights, (out, in).
+            bias: Biases, (out,).
+            name: Name of the layer; layers of one name share their weights.
+            output: Name of the output; "" for the layer's name.
+
+        Returns:
+            The name of the output, (batch, out).
+        """
         inputs = [
             value,
             self.constant(f"{name}.weight", np.asarray(weight, np.float32)),
@@ -146,20 +196,48 @@ class _Graph:
         return self.add("Gemm", inputs, output or name, transB=1)
 
     def gather(self, places: list[int], name: str) -> str:
-        """Add the selection of some elements of the input, in the given order."""
+        """Add the selection of some elements of the observation.
+
+        Args:
+            places: Indices of the elements, in the order of the result.
+            name: Name of the result.
+
+        Returns:
+            The name.
+        """
         index = self.constant(f"{name}.places", np.array(places, np.int64))
         return self.add("Gather", [INPUT, index], name, axis=1)
 
     def scaled(self, value: str, scales: list[float], name: str) -> str:
-        """Add the product of a value and constants."""
+        """Add the product of a value and constants.
+
+        Args:
+            value: Name of the value, (batch, n).
+            scales: The n constants.
+            name: Name of the product.
+
+        Returns:
+            The name of the product.
+        """
         factor = self.constant(f"{name}.factor", np.array(scales, np.float32))
         return self.add("Mul", [value, factor], name)
 
     def layers(
         self, policy: QPolicy | ActorPolicy, weights: Any, biases: Any, name: str = SCORES
     ) -> str:
-        """Add the view of a policy, and layers with its activation between them."""
-        value, view = INPUT, policy.view
+        """Add the view of a policy, and layers with its activation between them.
+
+        Args:
+            policy: The policy, whose view and activation are used.
+            weights: Weights of each layer, (out, in).
+            biases: Biases of each layer, (out,).
+            name: Name of the last layer's output; "" for the layer's own name.
+
+        Returns:
+            The name of the output.
+        """
+        value = INPUT
+        view = policy.view
         if isinstance(view, OneHot):
             places = np.repeat(np.arange(view.n_features), view.sizes).tolist()
             starts = zip(view.lows, view.sizes, strict=True)
@@ -214,12 +292,14 @@ class _Graph:
         """Add several networks and the mean of their values, in the order of `EnsemblePolicy`."""
         total = ""
         for number, member in enumerate(members):
-            graph, prefix = _Graph(self._onnx), f"member_{number}."
+            graph = _Graph(self._onnx)
+            prefix = f"member_{number}."
             graph.layers(member, member.weights, member.biases)
             for node in graph.nodes:
                 inputs = [name if name == INPUT else prefix + name for name in node.input]
                 node.name = prefix + node.output[0]
-                node.input[:], node.output[:] = inputs, [node.name]
+                node.output[:] = [node.name]
+                node.input[:] = inputs
             self.nodes += graph.nodes
             self.constants |= {prefix + name: array for name, array in graph.constants.items()}
             value = prefix + SCORES
@@ -228,7 +308,7 @@ class _Graph:
         self.add("Div", [total, count], SCORES)
 
     def _view(self, view: View) -> str:
-        """Add the ego's row and the other vehicles: encoded, summed and maximised, or listed."""
+        """Add the rows of the ego and other vehicles: encoded, summed and maximised, or listed."""
         scale = view.choice.scale
         ego = self.gather(list(range(1, ROW)), "own.read")
         ego = self.scaled(ego, [scale] * 4 + [1.0] * 2, "own")
@@ -256,7 +336,9 @@ class _Graph:
 
     def _vehicle(self, view: View, number: int) -> str:
         """Add another vehicle as the view lists or encodes it; all zeros where there is none."""
-        name, first, scale = f"vehicle_{number}", number * ROW, view.choice.scale
+        name = f"vehicle_{number}"
+        first = number * ROW
+        scale = view.choice.scale
         row = self.gather(list(range(first, first + ROW)), f"{name}.read")
         columns = [self.scaled(row, [1.0] + [scale] * 4 + [1.0] * 2, f"{name}.absolute")]
         if view.choice.relative:
@@ -292,12 +374,16 @@ class _Graph:
     def _closeness(self, name: str, turned: str) -> str:
         """Add `nn.view.closeness`; a hat is relu(1 - relu(u) - relu(-u))."""
         ones = self.constant("closeness.one", np.ones(len(SECONDS), np.float32))
-        hats, seconds = [], np.array(SECONDS)
+        hats = []
+        seconds = np.array(SECONDS)
         for axis, (label, unit) in enumerate((("ahead", ALONG), ("beside", BESIDE))):
-            weight, value = np.zeros((len(SECONDS), 6)), ones
-            weight[:, axis], weight[:, 2 + axis] = 1 / unit, PER_SECOND / unit * seconds
+            weight = np.zeros((len(SECONDS), 6))
+            value = ones
+            weight[:, axis] = 1 / unit
+            weight[:, 2 + axis] = PER_SECOND / unit * seconds
             for sign, side, name_left in ((1.0, "plus", "left"), (-1.0, "minus", "rest")):
-                shared, output = f"closeness.{label}.{side}", f"{name}.{label}.{side}"
+                shared = f"closeness.{label}.{side}"
+                output = f"{name}.{label}.{side}"
                 bias = np.zeros(len(SECONDS))
                 distance = self.affine(turned, sign * weight, bias, shared, output)
                 slope = self.add("Relu", [distance], f"{output}.part")

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from socialiq.nn.q_policy import checked_batch, numbers_of
 from socialiq.types import Policy
-from socialiq.worlds.intersection.perception import ROW, Arrays, FrontEnd
+from socialiq.worlds.highway.perception import ROW, Arrays, FrontEnd
 
-SENSED, MEMORY, NEXT = "sensed", "memory", "memory_after"
+SENSED = "sensed"
+MEMORY = "memory"
+NEXT = "memory_after"
 """Names of a graph's inputs, and of the output that is the memory of the next decision."""
 
 
@@ -26,6 +28,7 @@ class FrontEndPolicy:
     policy: Policy
     front_end: FrontEnd
     n_features: int  # of the policy: an odd one behind whole rows of vehicles is the time
+    remembers: ClassVar[bool] = True  # its memory is of each row of a batch
 
     def predict(
         self,
@@ -72,22 +75,40 @@ class Node:
     __array_ufunc__ = None  # so that NumPy leaves arithmetic to this class
 
     def __init__(self, graph: Any, name: str) -> None:
-        self.graph, self.name = graph, name
+        self.graph = graph
+        self.name = name
 
     __add__ = __radd__ = _arithmetic("Add")
     __mul__ = __rmul__ = _arithmetic("Mul")
-    __sub__, __rsub__ = _arithmetic("Sub"), _arithmetic("Sub", -1)
+    __sub__ = _arithmetic("Sub")
+    __rsub__ = _arithmetic("Sub", -1)
     __truediv__ = _arithmetic("Div")
 
 
 def node(graph: Any, operator: str, inputs: Sequence[str], **attributes: Any) -> Node:
-    """Add a node of its own name; return its value."""
+    """Add a node with a name that no other node has.
+
+    Args:
+        graph: The graph.
+        operator: Name of the ONNX operator.
+        inputs: Names of its inputs.
+        **attributes: Attributes of the operator.
+
+    Returns:
+        The value of the node.
+    """
     name = f"front_end.{len(graph.nodes)}"
     return Node(graph, graph.add(operator, list(inputs), name, **attributes))
 
 
 def name_of(graph: Any, value: Any) -> str:
-    """Return the name of a value, or of a constant that is added, float32 unless of integers."""
+    """Return the name of a value in a graph.
+
+    Args:
+        graph: The graph.
+        value: A value of the graph; or numbers, which are added as a constant. An array of integers
+            keeps its type; all other numbers become float32.
+    """
     if isinstance(value, Node):
         return value.name
     array = np.asarray(value)
@@ -106,36 +127,81 @@ class Nodes(Arrays):
         return node(self._graph, operator, names, **attributes)
 
     def part(self, array: Any, first: int, last: int) -> Node:
-        """Return columns of the last axis."""
+        """Return columns of the last axis.
+
+        Args:
+            array: The array.
+            first: First column.
+            last: Column after the last one.
+        """
         ends = (np.array([value]) for value in (first, last, -1))
         return self._add("Slice", array, *ends)
 
     def joined(self, arrays: Sequence[Any], axis: int = -1) -> Node:
-        """Return arrays end to end."""
+        """Return arrays end to end.
+
+        Args:
+            arrays: The arrays.
+            axis: Axis along which they are joined.
+        """
         return self._add("Concat", *arrays, axis=axis)
 
     def shaped(self, array: Any, *shape: int) -> Node:
-        """Return an array with another shape behind the axis for the batch."""
+        """Return an array with another shape.
+
+        Args:
+            array: The array.
+            *shape: Lengths of the axes behind the axis for the batch.
+        """
         return self._add("Reshape", array, np.array([-1, *shape]))
 
     def least(self, array: Any, axis: int) -> Node:
-        """Return the minimum along an axis, which stays."""
+        """Return the minimum along an axis.
+
+        Args:
+            array: The array.
+            axis: The axis, which stays with length 1.
+        """
         return self._add("ReduceMin", array, axes=[axis], keepdims=1)
 
     def total(self, array: Any, axis: int) -> Node:
-        """Return the sum along an axis, which stays."""
+        """Return the sum along an axis.
+
+        Args:
+            array: The array.
+            axis: The axis, which stays with length 1.
+        """
         return self._add("ReduceSum", array, np.array([axis]), keepdims=1)
 
     def product(self, left: Any, right: Any) -> Node:
-        """Return the product of matrices, the first of them transposed."""
+        """Return the product of matrices, the first of them transposed.
+
+        Args:
+            left: (batch, k, m).
+            right: (batch, k, n).
+
+        Returns:
+            (batch, m, n).
+        """
         return self._add("MatMul", self._add("Transpose", left, perm=[0, 2, 1]), right)
 
     def at_most(self, left: Any, right: Any) -> Node:
-        """Return 1 where an array is at most another one, else 0."""
+        """Return 1 where an array is at most another one, else 0, as float32.
+
+        Args:
+            left: The array.
+            right: The array that limits it.
+        """
         return self._add("Cast", self._add("LessOrEqual", left, right), to=1)
 
     def limited(self, array: Any, low: float, high: float) -> Node:
-        """Return an array within limits."""
+        """Return an array within limits.
+
+        Args:
+            array: The array.
+            low: Lower limit.
+            high: Upper limit.
+        """
         return self._add("Clip", array, low, high)
 
     def rounded(self, array: Any) -> Node:
@@ -147,7 +213,16 @@ class Nodes(Arrays):
         return self._add("Sqrt", array)
 
     def first(self, rows: Any, keys: Any, count: int) -> Node:
-        """Return the rows of a batch with the smallest keys, in the order of these."""
+        """Return the rows of a batch with the smallest keys.
+
+        Args:
+            rows: (batch, row, value).
+            keys: Key of each row, (batch, row).
+            count: Number of rows to return.
+
+        Returns:
+            (batch, count, value), in the order of rising keys.
+        """
         names = [name_of(self._graph, value) for value in (keys, np.array([count]))]
         number = f"front_end.{len(self._graph.nodes)}"
         self._graph.add("TopK", names, f"{number}.keys", f"{number}.order", largest=0)

@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import UserError
+from socialiq.isolation import NOT_NEEDED, Isolation
 from socialiq.nn.q_policy import checked_batch
-from socialiq.policies.isolation import NOT_NEEDED, Isolation
 from socialiq.reading import read_bytes
 from socialiq.storage import shipped
 from socialiq.types import Memoryless, Policy
@@ -55,13 +55,26 @@ class Interface(NamedTuple):
         return f"one of {self.n_actions} actions"
 
     def checked(self, answer: Any, rows: int, source: str) -> np.ndarray:
-        """Return a policy's answer as actions: int64 (rows,), or float32 (rows, action_size).
+        """Return a policy's answer as actions.
 
-        Any other answer of the policy, called `source` in messages, is refused.
+        Args:
+            answer: Answer of the policy.
+            rows: Number of observations that it answers.
+            source: Name of the policy in messages.
+
+        Returns:
+            int64 (rows,); for continuous actions float32 (rows, action_size) in [-1, 1].
+
+        Raises:
+            UserError: If the answer has another type or shape, or an action is out of range.
         """
-        shape, kinds, words = (rows,), "iu", "one integer"
+        shape = (rows,)
+        kinds = "iu"
+        words = "one integer"
         if self.action_size:
-            shape, kinds, words = (rows, self.action_size), "fiu", _numbers(self.action_size)
+            shape = rows, self.action_size
+            kinds = "fiu"
+            words = _numbers(self.action_size)
         try:
             actions = np.asarray(answer)
         except (ValueError, TypeError) as error:  # rows of several lengths
@@ -90,7 +103,15 @@ class Interface(NamedTuple):
         return actions.astype(np.float32)
 
     def check(self, source: str, world: Interface) -> None:
-        """Refuse, by a `UserError`, a policy that was made for another world."""
+        """Refuse a policy that was made for another world.
+
+        Args:
+            source: Name of the policy in messages.
+            world: Interface of the world.
+
+        Raises:
+            UserError: If the interfaces differ.
+        """
         if self == world:
             return
         if self.action_size or world.action_size:
@@ -102,7 +123,9 @@ class Interface(NamedTuple):
                 for sizes in (self, world)
             )
         else:
-            takes, expected, clock = f"{self.n_actions} actions", str(world.n_actions), ""
+            takes = f"{self.n_actions} actions"
+            expected = str(world.n_actions)
+            clock = ""
         raise UserError(
             f"{source} takes {self.n_features} features and {takes}, the world has "
             f"{world.n_features} and {expected}{clock}: name the world it was made for"
@@ -119,7 +142,19 @@ class BatchPolicy(Memoryless):
     decide: Callable[[np.ndarray, bool], Any]
 
     def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
-        """Return the actions; other answers than one action for each are refused."""
+        """Return the checked actions of the function.
+
+        Args:
+            observation: One observation, (features,), or a batch, (batch, features).
+            deterministic: Passed to the function.
+
+        Returns:
+            One action, or one for each row of a batch.
+
+        Raises:
+            UserError: If an observation does not fit, or the function does not answer one action
+                for each.
+        """
         batch = checked_batch(np.atleast_2d(observation), self.interface.n_features)
         answer = self.decide(batch, deterministic)
         actions = self.interface.checked(answer, len(batch), self.source)
@@ -156,7 +191,7 @@ class Record:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Loaded:
     """A policy and its record; a context manager, because a process must be ended."""
 
@@ -168,6 +203,21 @@ class Loaded:
     check_unchanged: Callable[[], None] = lambda: None
     # starts the policy's process once more, from the same files; None without a process
     again: Callable[[], Loaded] | None = None
+
+    def predict(self, observation: Any, *state: Any, **how: Any) -> tuple[Any, Any]:
+        """Return the policy's actions and state, as `types.Policy`.
+
+        Args:
+            observation: One observation, or a batch.
+            *state: State of a policy with memory.
+            **how: Further arguments of the policy, as `deterministic`.
+        """
+        return self.policy.predict(observation, *state, **how)
+
+    def __repr__(self) -> str:
+        """Return kind, name and hash in a line, without weights."""
+        record = self.record
+        return f"Loaded({record.kind} {record.source}, sha256={record.sha256[:8]})"
 
     def __enter__(self) -> Loaded:
         return self
@@ -185,7 +235,15 @@ MOST_BYTES = 32 * 1024 * 1024
 
 
 def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a file of at most `most` bytes; `UserError` if it is no such file."""
+    """Read a policy's file.
+
+    Args:
+        path: The file.
+        most: Largest size in bytes.
+
+    Raises:
+        UserError: If the file can't be read, or is larger.
+    """
     return read_bytes(shipped(path), most)
 
 

@@ -5,21 +5,22 @@ import inspect
 import json
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
+from socialiq import isolation as code
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.foreign import FAILURES, failure, imported, one_line
+from socialiq.isolation import NOT_ASKED, Isolation
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import Dial
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.saved import FORMS, Header, refusal
-from socialiq.policies import isolation as code
+from socialiq.nn.saved import FORMS, Header, Saved, refusal
 from socialiq.policies.interface import (
     BatchPolicy,
     Interface,
@@ -28,12 +29,12 @@ from socialiq.policies.interface import (
     read_content,
     sha256_of,
 )
-from socialiq.policies.isolation import NOT_ASKED, Isolation
 from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
 from socialiq.policies.sb3_load import read_sb3
 from socialiq.reading import path_of
-from socialiq.storage import kind_of, load_arrays
+from socialiq.storage import content_hash, kind_of, load_arrays
+from socialiq.types import Policy
 from socialiq.worlds.situation import ContextPolicy
 
 KINDS = ("FILE.safetensors", "FILE.zip", "FILE.onnx", "process:COMMAND LINE", "python:FILE.py:NAME")
@@ -43,7 +44,7 @@ MOST_HEADER = 65_536  # characters of a file's header, which goes into reports
 
 
 def load_policy(
-    spec: str | Path,
+    spec: str | Path | Saved | Policy | Loaded,
     n_features: int,
     n_actions: int,
     *,
@@ -60,7 +61,8 @@ def load_policy(
     """Load a policy from a file, a command or a Python module, for a world.
 
     Args:
-        spec: One of `KINDS`: a .safetensors is ours, a .zip of Stable-Baselines3.
+        spec: One of `KINDS`: a .safetensors is ours, a .zip of Stable-Baselines3; or an object, a
+            policy or dial of this package or anything with `predict`.
         n_features: Length of the world's observations.
         n_actions: Number of the world's actions; 0 if they are continuous.
         angle: Angle of a dial, in degrees.
@@ -68,7 +70,7 @@ def load_policy(
         allow_code: Whether a Python module may be imported, which runs its author's code with
             your rights. An isolated one needs no such permission.
         limits: Time and memory of a process.
-        isolation: Result of `isolation_of`; a Python module then runs in a process of its own.
+        isolation: Result of `isolation_of`; a Python module then runs in a separate process.
             None: a module runs in this process, and a command is not isolated.
         files: Further files and folders of a command or module, which its hash covers; an
             isolated one sees no others.
@@ -82,50 +84,97 @@ def load_policy(
     Raises:
         UserError: If the policy cannot be read, is ambiguous, or does not fit the world.
     """
+    if isinstance(spec, Loaded):  # whoever loaded it ends its process
+        return replace(spec, close=lambda: None)
+    world = Interface(n_features, n_actions, action_size)
+    lengths = dict.fromkeys((n_features, *narrow))
+    fitting = [length + time for length in lengths for time in range(1 + clock)]
+    if isinstance(spec, Saved | Policy):
+        return _of_object(spec, world, fitting, angle, class_angle)
     spec = spec if isinstance(spec, str) else str(path_of(spec))
-    world, source = Interface(n_features, n_actions, action_size), one_line(spec)
+    source = one_line(spec)
     if spec.startswith(("process:", "python:")):
         return _load_code(spec, world, allow_code, limits or Limits(), isolation, files)
     if files:
         raise UserError(f"{source} is one file: leave --files out, of a process or Python")
-    lengths = dict.fromkeys((n_features, *narrow))
-    fitting = [length + time for length in lengths for time in range(1 + clock)]
     return _load_file(spec, world, fitting, angle, class_angle)
+
+
+def name_of(policy: Any) -> str:
+    """Return the text of a driver, or a name for an object."""
+    if isinstance(policy, str | Path):
+        return str(policy)
+    if isinstance(policy, Loaded):
+        return policy.record.source
+    return repr(policy) if isinstance(policy, Saved) else type(policy).__name__
+
+
+def _of_object(
+    policy: Saved | Policy, world: Interface, fitting: Sequence[int], *angles: float | None
+) -> Loaded:
+    """Return a policy that is no file, with its record."""
+    source = name_of(policy)
+    if not isinstance(policy, Saved):
+        soft = isinstance(policy, SoftPolicy)
+        return Loaded(policy, Record("python", source, "", "nothing", world, soft))
+    arrays, header = policy.content()
+
+    def read(world: Interface) -> tuple[Any, dict[str, Any]]:
+        return _described(policy, header, source, world, *angles)
+
+    sha256 = content_hash(arrays, header)
+    chosen, details = _read_fitting(read, () if policy.KIND == "table" else fitting, world)
+    world = world._replace(n_features=getattr(chosen, "n_features", world.n_features))
+    soft = isinstance(chosen, SoftPolicy)
+    record = Record(policy.KIND, source, sha256, "the object's content", world, soft, details)
+    return Loaded(chosen, record)
 
 
 def _load_file(
     spec: str, world: Interface, fitting: Sequence[int], *angles: float | None
 ) -> Loaded:
     """Load a policy from a file; one of this package may take any of some lengths of input."""
-    path, source, suffix = Path(spec), one_line(spec), Path(spec).suffix.lower()
+    path = Path(spec)
+    source = one_line(spec)
+    suffix = Path(spec).suffix.lower()
     if suffix not in (".safetensors", ".zip", ".onnx"):
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
     if suffix == ".zip":
         places = (path.parent, path.with_suffix(""))
         beside = [file.name for place in places for file in place.glob("*[vV]ec*[nN]ormalize*")]
-        kind, (policy, details) = "sb3", read_sb3(content, source, world, *beside[:1])
+        kind = "sb3"
+        policy, details = read_sb3(content, source, world, *beside[:1])
     elif suffix == ".onnx":
-        kind, (policy, details) = "onnx", read_onnx(content, source, world)
+        kind = "onnx"
+        policy, details = read_onnx(content, source, world)
     else:
-        kind, (policy, details) = kind_of(path), _read_fitting(path, fitting, world, *angles)
+        kind = kind_of(path)
+
+        def read(world: Interface) -> tuple[Any, dict[str, Any]]:
+            return read_native(path, world, *angles)
+
+        policy, details = _read_fitting(read, () if kind == "table" else fitting, world)
         world = world._replace(n_features=getattr(policy, "n_features", world.n_features))
         if read_content(path) != content:
             raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
-    soft, sha256 = isinstance(policy, SoftPolicy), sha256_of(content)
+    soft = isinstance(policy, SoftPolicy)
+    sha256 = sha256_of(content)
     return Loaded(policy, Record(kind, source, sha256, "the file's bytes", world, soft, details))
 
 
 def _read_fitting(
-    path: Path, fitting: Sequence[int], world: Interface, *angles: float | None
+    read: Callable[[Interface], tuple[Any, dict[str, Any]]],
+    fitting: Sequence[int],
+    world: Interface,
 ) -> tuple[Any, dict[str, Any]]:
-    """Read a file of this package, which may take any of some lengths of input; no table may."""
+    """Read a policy of this package, which may take any of some lengths of input."""
     try:
-        return read_native(path, world, *angles)
+        return read(world)
     except UserError:
-        for length in () if kind_of(path) == "table" else fitting:
+        for length in fitting:
             with contextlib.suppress(UserError):
-                return read_native(path, world._replace(n_features=length), *angles)
+                return read(world._replace(n_features=length))
         raise
 
 
@@ -137,29 +186,51 @@ def read_native(
 ) -> tuple[Any, dict[str, Any]]:
     """Read a file of this package, of any kind in `nn.saved.FORMS`, and details from it.
 
-    A dial gives its policy at an angle in degrees, one of two angles at a class angle too. The
-    interface must be that of the world, if any.
+    Args:
+        path: The file.
+        world: Interface that the policy must have; None for any.
+        angle: Angle of a dial, in degrees.
+        class_angle: Class angle of a dial of two angles, in degrees.
+
+    Returns:
+        The policy (of a dial its policy at the angle), and details for its record.
+
+    Raises:
+        UserError: If the file can't be read, a dial has no angle, or the policy does not fit the
+            world.
     """
     form = FORMS.get(kind_of(path), QPolicy)
     arrays, header = load_arrays(path, form.KIND, form.VERSIONS)
-    is_dial = issubclass(form, (Dial, ClassDial))
-    if is_dial and angle is None:
-        raise UserError(f"{path} is a dial: name an angle")
-    if form is ClassDial and class_angle is None:
-        raise UserError(
-            f"{path} is a dial of two angles: name a world of a class angle, or turn it first with "
-            "`socialiq turn --class-angle`"
-        )
     if len(json.dumps(header)) > MOST_HEADER:
         raise refusal(path, f"has a header of more than {MOST_HEADER:,} characters")
-    policy: Any = form.checked(path, arrays, header)
-    if form is ClassDial:
+    policy = form.checked(path, arrays, header)
+    return _described(policy, header, str(path), world, angle, class_angle)
+
+
+def _described(
+    policy: Any,
+    header: Header,
+    source: str,
+    world: Interface | None,
+    angle: float | None = None,
+    class_angle: float | None = None,
+) -> tuple[Any, dict[str, Any]]:
+    """Return a policy of this package, a dial's at an angle, and details from its header."""
+    is_dial = isinstance(policy, (Dial, ClassDial))
+    if is_dial and angle is None:
+        raise UserError(f"{source} is a dial: name an angle")
+    if isinstance(policy, ClassDial):
+        if class_angle is None:
+            raise UserError(
+                f"{source} is a dial of two angles: name a world of a class angle, or turn it "
+                "first with `socialiq turn --class-angle`"
+            )
         policy = policy.of_class(class_angle)
     # Before the sizes: `_read_fitting` tries several, and says what is wrong with the first.
     at_angle = policy.at(angle) if is_dial else None
     if world is not None:
         size = getattr(policy, "action_size", 0)
-        Interface(policy.n_features, policy.n_actions, size).check(str(path), world)
+        Interface(policy.n_features, policy.n_actions, size).check(source, world)
     if is_dial:
         ends = {"angle": angle, "low": policy.low, "high": policy.high}
         return at_angle, _details(at_angle, header) | ends
@@ -175,7 +246,7 @@ def read_native(
             "members": [_details(member, row) for member, row in pairs],
             "provenance": header["provenance"],
         }
-    if form.KIND == "table":
+    if policy.KIND == "table":
         return policy, {"content_sha256": policy.sha256, "world": policy.world.name}
     return policy, _details(policy, header)
 
@@ -204,7 +275,8 @@ def _load_code(
     files: Sequence[str],
 ) -> Loaded:
     """Hash the files of a command or a Python module, and start it as a process."""
-    source, (kind, _, words) = one_line(spec), spec.partition(":")
+    source = one_line(spec)
+    kind, _, words = spec.partition(":")
     is_python = kind == "python"
     if is_python and (isolation is None or not isolation.works) and not allow_code:
         raise UserError(
@@ -251,7 +323,17 @@ def _load_code(
 def hash_of_python(
     name: str, source: str, files: Sequence[str], copies: Path | None = None
 ) -> code.CodeHash:
-    """Hash (`isolation.hash_files`) the module's file, or its whole top-level package."""
+    """Hash (`isolation.hash_files`) the module's file, or its whole top-level package.
+
+    Args:
+        name: `MODULE:ATTRIBUTE` or `FILE.py:ATTRIBUTE`.
+        source: Name of the policy in messages.
+        files: Further files and folders that the hash covers.
+        copies: Folder for copies of the hashed files; None for no copies.
+
+    Raises:
+        UserError: If the name has another form, or a file or the module doesn't exist.
+    """
     module, attribute = _split(name, source)
     # A file's name, not its path: the same policy in another folder has the same hash.
     words = ["python", Path(module).name, attribute]
@@ -285,7 +367,16 @@ def _split(name: str, source: str) -> tuple[str, str]:
 def command_of_python(
     name: str, source: str, copies: Mapping[Path, Path] | None = None
 ) -> list[str]:
-    """Return the command that runs `MODULE:ATTRIBUTE` with this interpreter, or its copy."""
+    """Return the command that runs a Python policy with this interpreter.
+
+    Args:
+        name: `MODULE:ATTRIBUTE` or `FILE.py:ATTRIBUTE`.
+        source: Name of the policy in messages.
+        copies: Copy of each file or folder, which is run in its place; None to run the originals.
+
+    Raises:
+        UserError: If the name has another form.
+    """
     copies = copies or {}
     module, attribute = _split(name, source)
     if module.endswith(".py"):

@@ -1,8 +1,9 @@
 """Rules for ONNX graphs of policies: each observation is processed alone, in bounded memory.
 
 Every value of the graph is either constant or one array for each observation. The rules below
-follow the arrays' shapes from operator to operator, so that nothing can mix the observations of a
-batch, or grow beyond bounds, and the last one is known to be actions or a score of each.
+follow the arrays' shapes from operator to operator, so that no operator can mix the observations of
+a batch, and no value can grow beyond bounds. The last value is known to be actions or a score of
+each.
 """
 
 import math
@@ -70,7 +71,15 @@ class Values:
         return self.constants[name]
 
     def add_constant(self, name: str, value: np.ndarray) -> None:
-        """Define a constant, finite and of bounded shape."""
+        """Define a constant.
+
+        Args:
+            name: Its name.
+            value: Finite numbers, of at most two axes.
+
+        Raises:
+            GraphFault: If the name is taken or unusual, or the value is not such an array.
+        """
         if value.ndim > 2 or max(value.shape, default=0) > MOST_DIMENSION:
             raise GraphFault(f"has a constant of shape {value.shape}")
         if value.dtype.kind not in "fib" or not np.isfinite(value).all():
@@ -78,7 +87,16 @@ class Values:
         self.constants[self.name(name)] = value
 
     def add_row(self, name: str, shape: Shape) -> None:
-        """Define a value by its shape for one observation."""
+        """Define a value that depends on the observation.
+
+        Args:
+            name: Its name.
+            shape: Its shape for one observation.
+
+        Raises:
+            GraphFault: If the name is taken or unusual, or the values are more than `MOST_PER_ROW`
+                numbers.
+        """
         self.rows[self.name(name)] = shape
         if sum(map(math.prod, self.rows.values())) > MOST_PER_ROW:
             raise GraphFault(f"makes more than {MOST_PER_ROW:,} numbers of one observation")
@@ -89,7 +107,17 @@ Rule = Callable[[Values, Sequence[str], Attributes], Shape]
 
 
 def follow(values: Values, operator: str, inputs: Sequence[str], attributes: Attributes) -> Shape:
-    """Return the shape of an operator's output for one observation."""
+    """Return the shape of an operator's output for one observation.
+
+    Args:
+        values: Values of the graph so far; the number of multiplications is added up in them.
+        operator: Name of the operator.
+        inputs: Names of its inputs.
+        attributes: Attributes of the operator.
+
+    Raises:
+        GraphFault: If the operator is unknown, or its inputs or attributes break its rule.
+    """
     if operator not in OPERATORS:
         raise GraphFault(
             f"uses the operator {one_line(operator, 40)}; known are {', '.join(sorted(OPERATORS))}"
@@ -198,7 +226,8 @@ def _concat(values: Values, inputs: Sequence[str], attributes: Attributes) -> Sh
 
 
 def _gather(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
-    length, places = values.vector(inputs[0]), values.constant(inputs[1])
+    length = values.vector(inputs[0])
+    places = values.constant(inputs[1])
     if attributes.get("axis", 0) not in (1, -1):
         raise GraphFault("picks among the observations of a batch")
     if places.ndim != 1 or places.dtype.kind != "i" or not len(places):
@@ -215,7 +244,8 @@ def _flatten(values: Values, inputs: Sequence[str], attributes: Attributes) -> S
 
 
 def _reshape(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
-    row, target = values.row(inputs[0]), values.constant(inputs[1])
+    row = values.row(inputs[0])
+    target = values.constant(inputs[1])
     shape = tuple(target.ravel().tolist()[1:])
     if shape.count(-1) == 1 and target[0] != -1:  # the rest of one observation
         size = math.prod(row) // max(-math.prod(shape), 1)

@@ -35,10 +35,19 @@ _ACTIONS = "actions"
 
 
 def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
-    """Return a policy from the bytes of an ONNX file, called `source` in messages, and details.
+    """Return a policy from the bytes of an ONNX file, and details.
 
-    Its input is float32, (batch, ...), the batch free or 1; its output is a score for each action,
-    of which it always takes the best, or the action itself; of several that named "actions".
+    Its input is float32, (batch, ...), the batch free or 1. Its output is a score for each action,
+    of which it always takes the best, or the action itself. Of several outputs the one named
+    "actions" is read.
+
+    Args:
+        content: Bytes of the file.
+        source: Name of the file in messages.
+        world: Interface of the world.
+
+    Returns:
+        The policy; its operators, and the kind of its answers.
 
     Raises:
         UserError: If the file is damaged, does more than `onnx_graph` allows, or is made for
@@ -53,7 +62,8 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         raise UserError(f"{source}: the graph {fault}; export a plain network") from fault
     except Exception as error:  # the libraries' exceptions have no common class
         raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
-    n_features, output = math.prod(inputs), model.graph.output[0]
+    n_features = math.prod(inputs)
+    output = model.graph.output[0]
     session = _session(onnxruntime, model, source)
     integers = session.get_outputs()[0].type in ("tensor(int64)", "tensor(int32)")
     if integers and shape not in ((), (1,)):
@@ -67,11 +77,14 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
             f"{source} answers continuous actions: this world's are discrete; an output of scores "
             f"has another name than {_ACTIONS}"
         )
-    answers, sizes = "scores", (shape[0] if shape else 0, 0)
+    answers = "scores"
+    sizes = shape[0] if shape else 0, 0
     if world.action_size:
-        answers, sizes = "continuous actions", (0, shape[0])
+        answers = "continuous actions"
+        sizes = 0, shape[0]
     elif integers:
-        answers, sizes = "actions", (world.n_actions, 0)
+        answers = "actions"
+        sizes = world.n_actions, 0
     interface = Interface(n_features, *sizes)
     interface.check(source, world)
     names = [model.graph.input[0].name, output.name]
@@ -90,7 +103,8 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
 
 def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     """Return the shapes of input and output for one observation, and the operators used."""
-    graph, values = model.graph, Values()
+    graph = model.graph
+    values = Values()
     for used in model.opset_import:
         _check_domain(used.domain)
     for tensor in graph.initializer:
@@ -208,7 +222,7 @@ def _session(onnxruntime: Any, model: Any, source: str) -> Any:
 
 
 def _run(session: Any, names: list[str], rows: np.ndarray, size: int, source: str) -> np.ndarray:
-    """Return a session's outputs, of at most so many observations at a time."""
+    """Return a session's outputs, of a limited number of observations at a time."""
     pieces = [rows[start : start + size] for start in range(0, len(rows), size)]
     try:
         return np.concatenate([session.run(names[1:], {names[0]: piece})[0] for piece in pieces])
@@ -263,7 +277,8 @@ def check_fields(content: bytes, source: str) -> None:
         UserError: At the first such field, or where the file is damaged.
     """
     try:
-        count, waiting = 0, [(_MODEL, 0, len(content))]
+        count = 0
+        waiting = [(_MODEL, 0, len(content))]
         while waiting:
             message, position, end = waiting.pop()
             while position < end:
@@ -280,7 +295,8 @@ def check_fields(content: bytes, source: str) -> None:
                     raise ValueError("group")
                 if after > end:
                     raise ValueError("beyond the message")
-                number, position = key >> 3, after
+                number = key >> 3
+                position = after
                 count += 1
                 if count > MOST_FIELDS:
                     raise UserError(f"{source} has more than {MOST_FIELDS} fields: simplify it")

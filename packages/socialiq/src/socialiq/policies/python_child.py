@@ -21,17 +21,28 @@ MOST = 400  # characters of an error
 
 
 def main(source: str, attribute: str, paths: list[str]) -> int:
-    """Load the policy and answer every line of the standard input."""
+    """Load the policy and answer every line of the standard input.
+
+    Args:
+        source: PLACE of the command line: a module's name, or a JSON list of a file and its path.
+        attribute: Name of the policy in the module.
+        paths: Module search path.
+
+    Returns:
+        Exit status 0.
+    """
     # What the module prints goes to the standard error: the standard output is for answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     sys.path[:] = paths
-    policy, size = None, 0
+    policy = None
+    size = 0
     for line in sys.stdin:
         message = json.loads(line)
         try:
             if policy is None:
-                policy, size = getattr(_module(source), attribute), message.get("action_size", 0)
+                policy = getattr(_module(source), attribute)
+                size = message.get("action_size", 0)
                 policy = policy() if inspect.isclass(policy) else policy
                 if not callable(getattr(policy, "predict", policy)):
                     policy = "is not a policy: it must be a function or have `predict`"
@@ -63,7 +74,7 @@ def _module(source: str) -> Any:
 
 
 def _decided(policy: Any, message: dict[str, Any], size: int) -> dict[str, Any]:
-    """Return the actions of a request, or an error if they are of another type or shape."""
+    """Return the actions of a request, or an error if they have another type or shape."""
     import numpy as np
 
     batch = np.array(message["observations"], np.float32)
@@ -75,9 +86,13 @@ def _decided(policy: Any, message: dict[str, Any], size: int) -> dict[str, Any]:
         actions = np.asarray(answer)
     except (ValueError, TypeError):  # rows of several lengths
         return {"error": "must answer one action for each observation"}
-    shape, kinds, what = (len(batch),), "iu", "one integer"
+    shape = (len(batch),)
+    kinds = "iu"
+    what = "one integer"
     if size:
-        shape, kinds, what = (len(batch), size), "iuf", f"{size} number(s)"
+        shape = len(batch), size
+        kinds = "iuf"
+        what = f"{size} number(s)"
     if actions.shape != shape or actions.dtype.kind not in kinds:
         return {
             "error": f"answered {actions.dtype} of shape {actions.shape}: it must be {what} "

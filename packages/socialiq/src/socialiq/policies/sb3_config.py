@@ -1,9 +1,9 @@
 """Configuration of a policy of Stable-Baselines3: the member `data` of its zip.
 
 Stable-Baselines3 writes values that JSON cannot hold twice: as a base64 pickle under
-`:serialized:`, and as plain text beside it, "to have an idea what was being stored"
+`:serialized:`, and as plain text next to it, "to have an idea what was being stored"
 (`common/save_util.py`). Loading the pickle would run its author's code, so only the plain text is
-read. If the two differ, an audit is of the policy that is read here, not of the one that
+read. If the two differ, an audit judges the policy that is read here, not the one that
 Stable-Baselines3 would load.
 """
 
@@ -97,7 +97,15 @@ class Config(NamedTuple):
 
 
 def data_of(content: bytes, source: str) -> dict[str, Any]:
-    """Return the object of the member `data`."""
+    """Return the object of the member `data`.
+
+    Args:
+        content: Bytes of the member.
+        source: Name of the file in messages.
+
+    Raises:
+        UserError: If it is not a JSON object.
+    """
     try:
         data = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -108,12 +116,21 @@ def data_of(content: bytes, source: str) -> dict[str, Any]:
 
 
 def config_of(data: Mapping[str, Any], source: str) -> Config:
-    """Return the configuration; `UserError` if the network's output would be ambiguous."""
+    """Return the configuration of a policy.
+
+    Args:
+        data: Object of the member `data`.
+        source: Name of the file in messages.
+
+    Raises:
+        UserError: If the network's output would be ambiguous.
+    """
     module = _object(data, "policy_class").get("__module__")
     if not isinstance(module, str) or module not in _MODULES:
         raise _refusal(source, f"its policy class is of {one_line(str(module), 60)}")
     algorithm = _MODULES[module]
-    space, bounds = _object(data, "action_space"), None
+    space = _object(data, "action_space")
+    bounds = None
     if algorithm not in ("DQN", "QR-DQN") and _is_space(space, "Box"):
         shape = _shape(space)
         size = shape[0] if isinstance(shape, list) and len(shape) == 1 else 0
@@ -128,7 +145,8 @@ def config_of(data: Mapping[str, Any], source: str) -> Config:
     elif algorithm in ("SAC", "TD3"):
         raise _refusal(source, "its actions are not a Box")
     else:
-        count, start = str(space.get("n")), str(space.get("start", 0))
+        count = str(space.get("n"))
+        start = str(space.get("start", 0))
         features = _features(data, source)
         if not _is_space(space, "Discrete") or start != "0":
             raise _refusal(source, "its actions are not Discrete from 0")
@@ -170,7 +188,7 @@ def _shape(space: Mapping[str, Any]) -> Any:
 
 
 def _features(data: Mapping[str, Any], source: str) -> int:
-    """Return the length of a flattened observation, of floats: bytes, as of images, are scaled."""
+    """Return the length of a flattened observation of floats; bytes, as images have, are scaled."""
     space = _object(data, "observation_space")
     shape = _shape(space)
     if not _is_space(space, "Box") or space.get("dtype") not in _FLOATS:

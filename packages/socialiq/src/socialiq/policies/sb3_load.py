@@ -39,14 +39,20 @@ Chances = Float[np.ndarray, "batch action"]
 def read_sb3(
     content: bytes, source: str, world: Interface, statistics_beside: str = ""
 ) -> tuple[Policy, dict[str, Any]]:
-    """Return a policy from the bytes of a zip, called `source` in messages, and details.
+    """Return a policy from the bytes of a zip, and details.
 
     If deterministic, it takes the best action, as `predict` of Stable-Baselines3 does. Otherwise a
     DQN explores at its saved rate, PPO and A2C draw from the softmax over their outputs, and
-    continuous actions from the policy's Gaussian, if it has one, which with gSDE it has not.
-    Continuous actions are in [-1, 1], the ends being the bounds of the action space. Statistics of
-    `VecNormalize` are numbers in the member vecnormalize.json; a file of them beside the zip is
-    refused by its name.
+    continuous actions are drawn from the policy's Gaussian, if it has one, which with gSDE it has
+    not. Continuous actions are in [-1, 1], the ends being the bounds of the action space.
+    Statistics of `VecNormalize` are numbers in the member vecnormalize.json.
+
+    Args:
+        content: Bytes of the zip.
+        source: Name of the file in messages.
+        world: Interface of the world.
+        statistics_beside: Name of a file of statistics in the folder of the zip, which is refused;
+            "" if there is none.
 
     Raises:
         UserError: If the file is damaged, holds another kind of policy, or one for another world.
@@ -110,7 +116,8 @@ def _layers(tensors: dict[str, np.ndarray], config: Config, source: str) -> list
         raise UserError(f"{source} holds no layer: save the policy again")
     inputs = config.interface.n_features
     for number, layer in enumerate(layers):
-        weight, bias = tensors[f"{layer}.weight"], tensors[f"{layer}.bias"]
+        weight = tensors[f"{layer}.weight"]
+        bias = tensors[f"{layer}.bias"]
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != inputs:
             raise UserError(
                 f"{source} has a layer {number} of weights {weight.shape} and biases {bias.shape} "
@@ -167,18 +174,22 @@ def _actor(
     source: str,
 ) -> ActorPolicy | BatchPolicy:
     """Return the policy of continuous actions; PPO's, in other units and clipped, are scaled."""
-    mean, bias = weights[-1], biases[-1]
+    mean = weights[-1]
+    bias = biases[-1]
     bounded = config.algorithm == "SAC" and config.explores_by_state
     if config.bounds is not None:
         low, high = np.array(config.bounds, np.float32)
         half = (high - low) / 2.0
-        mean, bias = mean / half[:, None], (bias - (high + low) / 2.0) / half
+        mean = mean / half[:, None]
+        bias = (bias - (high + low) / 2.0) / half
         if deviations is not None:
             deviations = deviations[0], deviations[1] - np.log(half)
     elif bounded:
-        mean, bias = mean / _CLIP_MEAN, bias / _CLIP_MEAN
+        mean = mean / _CLIP_MEAN
+        bias = bias / _CLIP_MEAN
     if deviations is not None:
-        mean, bias = np.vstack([mean, deviations[0]]), np.append(bias, deviations[1])
+        mean = np.vstack([mean, deviations[0]])
+        bias = np.append(bias, deviations[1])
     actor = ActorPolicy(
         (*weights[:-1], mean.astype(np.float32)),
         (*biases[:-1], bias.astype(np.float32)),
@@ -211,7 +222,15 @@ class Normalised(Memoryless):
         return np.clip(scaled, -self.clip, self.clip).astype(np.float32)
 
     def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
-        """Return the actions; `UserError` for an observation that doesn't fit."""
+        """Return the actions of the policy for the normalised observations.
+
+        Args:
+            observation: One observation, (features,), or a batch, (batch, features).
+            deterministic: Whether the policy takes its best action.
+
+        Raises:
+            UserError: If an observation doesn't fit.
+        """
         numbers = numbers_of(observation)
         batch = self.normal(np.atleast_2d(numbers))
         batch = batch if numbers.ndim == 2 else batch[0]
@@ -227,10 +246,20 @@ class SoftNormalised(Normalised):
 
 
 def normalised(policy: Policy, content: bytes, n_features: int, source: str) -> Policy:
-    """Return a policy with its normalisation; `UserError` if the numbers can't be statistics.
+    """Return a policy with its normalisation.
 
-    The content is a JSON object with mean and var (one number a feature), epsilon and clip_obs, by
-    the names of `VecNormalize`; or `{"norm_obs": false}`. `source` is the file's name in messages.
+    Args:
+        policy: Policy of normalised observations.
+        content: A JSON object with mean and var (one number a feature), epsilon and clip_obs, by
+            the names of `VecNormalize`; or `{"norm_obs": false}`.
+        n_features: Length of an observation.
+        source: Name of the file in messages.
+
+    Returns:
+        The policy of observations as they are; the same policy if they are not normalised.
+
+    Raises:
+        UserError: If the numbers can't be statistics.
     """
     refusal = UserError(
         f"{source}: {STATISTICS} is no object of mean and var, {n_features} finite numbers each, "
@@ -241,7 +270,8 @@ def normalised(policy: Policy, content: bytes, n_features: int, source: str) -> 
         if numbers == {"norm_obs": False}:
             return policy
         mean, variance = (np.array(numbers[name], np.float64) for name in ("mean", "var"))
-        epsilon, clip = float(numbers.get("epsilon", 1e-8)), float(numbers.get("clip_obs", 10.0))
+        epsilon = float(numbers.get("epsilon", 1e-8))
+        clip = float(numbers.get("clip_obs", 10.0))
         sound = mean.shape == variance.shape == (n_features,) and clip > 0.0
         sound = sound and bool(np.isfinite(mean).all() and np.isfinite(variance).all())
         sound = sound and epsilon >= 0.0 and bool((variance + epsilon > 0.0).all())
@@ -280,7 +310,15 @@ class EpsilonGreedy(Memoryless):
         return (1.0 - self.epsilon) * np.eye(n_actions)[best] + self.epsilon / n_actions
 
     def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
-        """Return the actions; `UserError` for an observation that doesn't fit."""
+        """Return the best actions, or some random ones.
+
+        Args:
+            observation: One observation, (features,), or a batch, (batch, features).
+            deterministic: Whether all actions are the best.
+
+        Raises:
+            UserError: If an observation doesn't fit.
+        """
         best = self.greedy.choose(observation, True)
         if deterministic:
             return best

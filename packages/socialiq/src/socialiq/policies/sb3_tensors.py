@@ -8,7 +8,7 @@ The pickle is a program for a small stack machine, whose full language can call 
 module; loading it runs its author's code (Python's manual warns so). But a network needs few
 opcodes: build an ordered dictionary, and rebuild tensors on stored bytes. So `pickletools` reads
 the program opcode by opcode, and the machine here has these opcodes only. Its "functions" are the
-marks below: nothing is imported, called or looked up by name.
+marks below: no module is imported, and no function is called or looked up by name.
 """
 
 import enum
@@ -75,7 +75,15 @@ class Archive:
                 raise self.refusal("has a member that is encrypted or of a rare compression")
 
     def read(self, name: str, most: int) -> bytes:
-        """Read one member of at most so many bytes."""
+        """Read one member.
+
+        Args:
+            name: Name of the member.
+            most: Largest number of its bytes.
+
+        Raises:
+            UserError: If the archive has no such member, or it is larger or damaged.
+        """
         if name not in self.names:
             raise self.refusal(f"has no member {name}")
         if self._zip.getinfo(name).file_size > most:
@@ -161,7 +169,8 @@ def read_state_dict(content: bytes, source: str) -> dict[str, np.ndarray]:
     raw = {member: archive.read(f"{root}data/{member}", 4 * lengths[member]) for member in lengths}
     tensors = {}
     for (name, tensor), size in zip(stored.items(), sizes, strict=True):
-        content, offset = raw[tensor.member], tensor.offset
+        content = raw[tensor.member]
+        offset = tensor.offset
         if len(content) != 4 * tensor.length or offset + size > tensor.length:
             raise archive.refusal("has a tensor larger than its bytes")
         flat = np.frombuffer(content, "<f4", size, 4 * offset)
@@ -191,7 +200,12 @@ class _Machine:
         return tensors
 
     def step(self, name: str, argument: Any) -> None:
-        """Run one opcode, as Python's pickletools documents it."""
+        """Run one opcode, as Python's pickletools documents it.
+
+        Args:
+            name: Name of the opcode.
+            argument: Its argument, as `pickletools.genops` gives it.
+        """
         push = self.stack.append
         match name:
             case "BININT" | "BININT1" | "BININT2" | "BINUNICODE":

@@ -39,7 +39,8 @@ class ActorModule(QModule):
 
     def __init__(self, policy: ActorPolicy) -> None:
         super().__init__(policy)
-        self.size, self.squash = policy.action_size, policy.squash
+        self.size = policy.action_size
+        self.squash = policy.squash
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Map (batch, features) to (batch, size)."""
@@ -74,7 +75,8 @@ class OneHotModule(torch.nn.Module):
 
     def __init__(self, view: OneHot) -> None:
         super().__init__()
-        places, numbers = [], []
+        places = []
+        numbers = []
         for number, (low, size) in enumerate(zip(view.lows, view.sizes, strict=True)):
             places += [number] * size
             numbers += list(range(low, low + size))
@@ -106,11 +108,13 @@ class ViewModule(torch.nn.Module):
 
     def _vehicles(self, observation: torch.Tensor) -> torch.Tensor:
         rows = observation.reshape(len(observation), -1, ROW)
-        ego, vehicles = rows[:, :1], rows[:, 1:]
+        ego = rows[:, :1]
+        vehicles = rows[:, 1:]
         present = vehicles[..., :1]
         columns = [present, self._absolute(vehicles)]
         if self.choice.relative:
-            scale, along = self.choice.scale, ego[..., 5:]
+            scale = self.choice.scale
+            along = ego[..., 5:]
             position = _turned(vehicles[..., 1:3] - ego[..., 1:3], along)
             velocity = _turned(vehicles[..., 3:5] - ego[..., 3:5], along)
             columns += [scale * position, scale * velocity, _turned(vehicles[..., 5:], along)]
@@ -131,7 +135,10 @@ class ViewModule(torch.nn.Module):
 
 def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
     """Return components along a heading (cos, sin) and to its left."""
-    x, y, cos, sin = vector[..., :1], vector[..., 1:], along[..., :1], along[..., 1:]
+    x = vector[..., :1]
+    y = vector[..., 1:]
+    cos = along[..., :1]
+    sin = along[..., 1:]
     return torch.cat([x * cos + y * sin, y * cos - x * sin], dim=-1)
 
 

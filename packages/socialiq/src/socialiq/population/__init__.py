@@ -1,1 +1,1 @@
-"""Many drivers with angles of their own: games, fleets, norms, stakeholders (thesis 9.3 to 9.5)."""
+"""Many drivers with different angles: games, fleets, norms, stakeholders (thesis 9.3 to 9.5)."""

@@ -1,7 +1,8 @@
 """Two drivers with angles meet at a crossing of the 7x7 world and move at the same time (9.4).
 
-Both know both angles. Each is scored by its own r_env and the other's, which is what it causes:
-R(α) = cos α · own + sin α · other's. The logit equilibrium follows by backward induction.
+Both know both angles. Each is scored by its own r_env and that of its opponent, which is what it
+causes: R(α) = cos α · own + sin α · opponent's. The logit equilibrium follows by backward
+induction.
 """
 
 from dataclasses import dataclass
@@ -97,13 +98,15 @@ class CrossingGame:
 
 
 def joint_moves() -> Moves:
-    """Return the moves of both drivers; who has arrived stays, and gets 0.
+    """Return the moves of both drivers; one that has arrived stays, and gets 0.
 
     Both collide if they occupy the conflict cell in the same step, by crossing7's `swept` rule.
     """
-    cells, actions = np.arange(LAST + 1), np.arange(ACTIONS)
+    cells = np.arange(LAST + 1)
+    actions = np.arange(ACTIONS)
     before = np.meshgrid(cells, cells, actions, actions, indexing="ij")
-    positions, steps = before[:2], before[2:]
+    positions = before[:2]
+    steps = before[2:]
     arrived = [position == LAST for position in positions]
     after = tuple(
         np.minimum(position + step, LAST) for position, step in zip(positions, steps, strict=True)

@@ -42,10 +42,10 @@ def logit_equilibrium(
 ) -> Strategies:
     """Return the logit equilibrium of each game, on the branch that begins at full noise.
 
-    Each player draws an action from softmax(expected payoff/τ), given the other's chances. A game
-    may have several such equilibria at a small τ. The branch from τ = ∞ is one of them (McKelvey
-    and Palfrey 1995); it is followed by its arc length (Turocy 2005). In a symmetric game it is the
-    symmetric one, so that equal drivers behave equally.
+    Each player draws an action from softmax(expected payoff/τ), given the chances of its opponent.
+    A game may have several such equilibria at a small τ. The branch from τ = ∞ is one of them
+    (McKelvey and Palfrey 1995); it is followed by its arc length (Turocy 2005). In a symmetric game
+    it is the symmetric one, so that equal drivers behave equally.
 
     Args:
         first: Payoffs of the first player, by the first's and the second's action.
@@ -66,11 +66,14 @@ def logit_equilibrium(
     end = np.zeros_like(points)
     end[:, -1] = 1.0
     tangents, signs = _tangents(branches, points, end)
-    steps, running = np.full(count, _FIRST_STEP), np.arange(count)
+    steps = np.full(count, _FIRST_STEP)
+    running = np.arange(count)
     for _ in range(_MAX_STEPS):
         if not len(running):
             break
-        games, before, step = branches.of(running), points[running], steps[running]
+        games = branches.of(running)
+        before = points[running]
+        step = steps[running]
         tangent = tangents[running]
         after, first_change = _corrected(games, before + step[:, None] * tangent, tangent)
         residual, _ = _equations(games, after)
@@ -82,7 +85,8 @@ def logit_equilibrium(
         is_good &= games.symmetric | (sign == signs[running])
         arrives = is_good & (after[:, -1] >= 1.0 / temperature)
         ahead = is_good & ~arrives
-        points[running[ahead]], tangents[running[ahead]] = after[ahead], turned[ahead]
+        points[running[ahead]] = after[ahead]
+        tangents[running[ahead]] = turned[ahead]
         longer = np.where(first_change < 0.05 * step, 1.6 * step, step)
         steps[running] = np.where(is_good, longer, step / 2)
         if arrives.any():
@@ -112,8 +116,10 @@ def _equations(
     for player, payoffs in enumerate((games.first, games.second)):
         columns = slice(player * actions, (player + 1) * actions)
         opponent = slice((1 - player) * actions, (2 - player) * actions)
-        sums, rows = columns.start, slice(columns.start + 1, columns.stop)
-        chances, answers = np.exp(points[:, columns]), np.exp(points[:, opponent])
+        sums = columns.start
+        rows = slice(columns.start + 1, columns.stop)
+        chances = np.exp(points[:, columns])
+        answers = np.exp(points[:, opponent])
         gains = payoffs[:, 1:] - payoffs[:, :1]
         expected = np.einsum("gab,gb->ga", gains, answers)
         residual[:, sums] = chances.sum(axis=1) - 1.0

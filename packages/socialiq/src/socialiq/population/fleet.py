@@ -1,57 +1,51 @@
 """Groups of drivers in a fleet: their fate, and what invaders gain among residents (9.4).
 
-Rule-bound traffic enters beside the fleet by the junction's `spawn_probability`.
+Rule-bound traffic enters in addition to the fleet by the junction's `spawn_probability`.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from socialiq.errors import UserError
+from socialiq.evaluation import measures
 from socialiq.evaluation.fleet import drive as drive_together
-from socialiq.nn.dial_policy import DialPolicy
-from socialiq.statistics.intervals import normal_mean
-from socialiq.types import Ending, Policy, Row
+from socialiq.evaluation.measures import Episodes, joined
+from socialiq.types import Policy, Row
 from socialiq.worlds.highway.world import RoadWorld
 
 SIDE_BY_SIDE = 256  # episodes at once
+Label = TypeVar("Label", bound=Hashable)
 DURATION = 30.0  # s; several vehicles need longer than one
 MEASURES = "r_env", "r_social", "arrival", "collision", "timeout", "seconds"
 
 
-class Fleet(NamedTuple):
-    """Episodes of a fleet: a row for each episode, a column for each agent."""
+def means(fleet: Episodes, group: int) -> Episodes:
+    """Return `MEASURES` of a group by episode, of those that have one of it.
 
-    group: Int[np.ndarray, "episode agent"]  # number of the agent's driver
-    r_env: Float[np.ndarray, "episode agent"]  # sums until the agent's end
-    r_social: Float[np.ndarray, "episode agent"]
-    ending: Int[np.ndarray, "episode agent"]  # values of `Ending`
-    seconds: Float[np.ndarray, "episode agent"]  # until the agent's end
-
-    def means(self, group: int) -> dict[str, Float[np.ndarray, " episode"]]:
-        """Return `MEASURES` of a group by episode, of those that have one of it."""
-        present = self.group == group
-        rows = present.any(axis=1)
-        columns = {
-            "r_env": self.r_env,
-            "r_social": self.r_social,
-            "arrival": self.ending == Ending.ARRIVAL,
-            "collision": self.ending == Ending.COLLISION,
-            "timeout": self.ending == Ending.TIMEOUT,
-            "seconds": self.seconds,
-        }
-        count = present[rows].sum(axis=1)
-        return {
-            name: np.where(present, column, 0.0)[rows].sum(axis=1) / count
-            for name, column in columns.items()
-        }
+    Args:
+        fleet: The fleet.
+        group: Number of the group.
+    """
+    present = fleet.group == group
+    rows = present.any(axis=1)
+    count = present[rows].sum(axis=1)
+    return Episodes(
+        {name: np.where(present, fleet[name], 0.0)[rows].sum(axis=1) / count for name in MEASURES}
+    )
 
 
 def mixed(episodes: int, counts: Sequence[int], seed: int) -> Int[np.ndarray, "episode agent"]:
-    """Return the number of each agent's group: so many of each, in random places by the seed."""
+    """Return the number of each agent's group, in random places.
+
+    Args:
+        episodes: Number of episodes.
+        counts: Number of agents of each group.
+        seed: Seed of the places.
+    """
     groups = np.repeat(np.arange(len(counts)), counts)
     return np.random.default_rng(seed).permuted(np.tile(groups, (episodes, 1)), axis=1)
 
@@ -61,7 +55,7 @@ def drive(
     policies: Sequence[Policy],
     group: Int[np.ndarray, "episode agent"],
     seeds: Sequence[int] | np.ndarray,
-) -> Fleet:
+) -> Episodes:
     """Drive one greedy episode for each seed, in blocks.
 
     Args:
@@ -70,62 +64,94 @@ def drive(
         group: Number of each agent's group.
         seeds: Of the episodes.
 
+    Returns:
+        Columns (episode, agent) of `evaluation.fleet.drive`, with `group` and the `seconds` until
+        the agent's end.
+
     Raises:
         UserError: If there is no seed.
     """
     if not len(seeds):
         raise UserError("episodes must be at least 1, got 0")
-    blocks = []
+    blocks = list[Episodes]()
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         rows = slice(first, first + SIDE_BY_SIDE)
-        drivers, chosen = group[rows], np.asarray(seeds)[rows]
-        driven = drive_together(world.batch(len(drivers)), policies, chosen, drivers)
-        seconds = driven.decisions / world.options.policy_frequency
-        blocks.append((drivers, *driven.rewards, driven.ending, seconds))
-    return Fleet(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
+        drivers = group[rows]
+        chosen = np.asarray(seeds)[rows]
+        blocks.append(drive_together(world.batch(len(drivers)), policies, chosen, drivers))
+    fleet = joined(blocks)
+    seconds = fleet.length / world.options.policy_frequency
+    return Episodes(fleet, group=group, seconds=seconds)
 
 
 def uniform_fleets(
-    world: RoadWorld, dial: DialPolicy, angles: Sequence[float], seeds: np.ndarray
-) -> dict[float, Fleet]:
-    """Return fleets in which everybody is the dial at one angle, in degrees, by that angle."""
+    world: RoadWorld, drivers: Mapping[Label, Policy], seeds: np.ndarray
+) -> dict[Label, Episodes]:
+    """Return fleets in which every agent is one driver.
+
+    Args:
+        world: World of several agents, of `worlds.registry.make_fleet`.
+        drivers: The drivers by label.
+        seeds: Seed of each episode.
+
+    Returns:
+        A fleet by the driver's label.
+    """
     everybody = np.zeros((len(seeds), world.options.agents), np.int64)
-    return {angle: drive(world, [dial.at(angle)], everybody, seeds) for angle in angles}
+    return {label: drive(world, [driver], everybody, seeds) for label, driver in drivers.items()}
 
 
 def invasions(
     world: RoadWorld,
-    dial: DialPolicy,
-    uniform: Mapping[float, Fleet],
+    drivers: Mapping[Label, Policy],
+    uniform: Mapping[Label, Episodes],
     seeds: np.ndarray,
     invaders: int,
     seed: int,
 ) -> Iterator[Row]:
-    """Yield what so many invaders of each angle gain in a fleet of residents of each other angle.
+    """Yield the gain of invaders of each driver in a fleet of residents of each other driver.
 
-    Their places are drawn by the seed.
+    Args:
+        world: World of several agents, of `worlds.registry.make_fleet`.
+        drivers: The drivers by label.
+        uniform: Fleet of residents alone, by label; of the same seeds.
+        seeds: Seed of each episode.
+        invaders: Number of invaders in a fleet.
+        seed: Seed of their places.
+
+    Yields:
+        A row for each pair of two drivers, with `resident`, `invader` and the columns of `fitness`.
     """
     group = mixed(len(seeds), (world.options.agents - invaders, invaders), seed)
     for resident, invader in itertools.permutations(uniform, 2):
-        mixture = drive(world, [dial.at(resident), dial.at(invader)], group, seeds)
+        mixture = drive(world, [drivers[resident], drivers[invader]], group, seeds)
         yield {"resident": resident, "invader": invader, **fitness(mixture, uniform[resident])}
 
 
-def summary(fleet: Fleet, group: int) -> Row:
-    """Return the means of `MEASURES` of a group with 95 % intervals over episodes."""
-    row: Row = {}
-    for name, values in fleet.means(group).items():
-        row |= normal_mean(name, values)
-    return row
+def summary(fleet: Episodes, group: int) -> Row:
+    """Return the means of `MEASURES` of a group, with 95 % intervals over episodes.
 
+    Args:
+        fleet: The fleet.
+        group: Number of the group.
 
-def fitness(mixture: Fleet, uniform: Fleet) -> Row:
-    """Return what invaders (group 1) get more than everybody in a fleet of the residents, by r_env.
-
-    Both fleets drove the same episodes. `residents` is what the residents (group 0) lose by them.
+    Returns:
+        For each measure the columns of `normal_mean`.
     """
-    alone = uniform.means(0)["r_env"]
-    row: Row = {}
-    for name, group in (("gain", 1), ("residents", 0)):
-        row |= normal_mean(name, mixture.means(group)["r_env"] - alone)
-    return row
+    return measures.summary(means(fleet, group), MEASURES)
+
+
+def fitness(mixture: Episodes, uniform: Episodes) -> Row:
+    """Return the gain in r_env of invaders over a fleet of residents alone.
+
+    Args:
+        mixture: Fleet with residents, group 0, and invaders, group 1.
+        uniform: Fleet of residents alone, which drove the same episodes.
+
+    Returns:
+        `gain`, what invaders get more than agents of the uniform fleet, and `residents`, what
+        residents do; each with its 95 % interval.
+    """
+    alone = means(uniform, 0).r_env
+    gains = {"gain": means(mixture, 1).r_env - alone, "residents": means(mixture, 0).r_env - alone}
+    return measures.summary(Episodes(gains), gains)

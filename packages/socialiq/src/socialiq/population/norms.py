@@ -33,10 +33,14 @@ def invasion_fitness(
 def stable_angles(
     payoffs: Float[np.ndarray, "angle angle"], tolerance: float = 1e-9
 ) -> Bool[np.ndarray, " angle"]:
-    """Return which angles are evolutionarily stable (Maynard Smith and Price 1973).
+    """Return a mask of the angles that are evolutionarily stable (Maynard Smith and Price 1973).
 
-    No few drivers of another angle get more among the residents, and who gets as much gets less
-    than a resident where the invaders meet each other.
+    No few drivers of another angle get more among the residents, and those that get as much get
+    less than a resident where the invaders meet each other.
+
+    Args:
+        payoffs: Payoff of a driver of the row's angle where all others have the column's.
+        tolerance: Largest difference of payoffs that counts as equal.
     """
     uniform = np.diagonal(payoffs)
     loses = invasion_fitness(payoffs) < -tolerance
@@ -89,12 +93,19 @@ def mandate(
     minimum: float,
     obeyed: float = 1.0,
 ) -> RestPoint:
-    """Return where a mandated minimum ends that a share of the drivers obeys.
+    """Return the rest point under a mandated minimum that a share of the drivers obeys.
 
     The first group obeys it, and the second chooses any angle.
 
+    Args:
+        payoffs: Payoff of a driver of the row's angle where all others have the column's.
+        angles: The angles, in degrees.
+        minimum: Least angle of the first group, in degrees.
+        obeyed: Share of the first group among all drivers.
+
     Raises:
-        UserError: If the share is none, no angle reaches the minimum, or nothing comes to rest.
+        UserError: If the share is outside [0, 1], no angle reaches the minimum, or the shares of
+            the angles do not come to rest.
     """
     if not 0.0 <= obeyed <= 1.0:
         raise UserError(f"a share {obeyed:g} of drivers is outside [0, 1]")

@@ -30,7 +30,7 @@ _TIE = 1e-12
 
 @dataclass(frozen=True)
 class Stakeholder:
-    """One who cares about measured quantities of an episode."""
+    """A party with an interest in measured quantities of an episode."""
 
     name: str
     weight: float
@@ -86,7 +86,8 @@ def read_stakeholders(path: Path) -> tuple[Stakeholder, ...]:
 def read_episodes(path: Path) -> Episodes:
     """Read episodes.csv of `socialiq effects` or `socialiq population`.
 
-    Beside its columns it has `delay` in all, `arrival`, `collision`, `timeout`, `gap_below_1_s`.
+    In addition to its columns it has `delay` in all, `arrival`, `collision`, `timeout`,
+    `gap_below_1_s`.
 
     Raises:
         UserError: If columns are missing, or settings drove different episodes.
@@ -130,6 +131,10 @@ def utilities(
 ) -> Float[np.ndarray, "setting episode stakeholder"]:
     """Return what each episode of a setting is worth to each stakeholder.
 
+    Args:
+        episodes: Measured quantities of the episodes of each setting.
+        stakeholders: The stakeholders, with a factor for each quantity that counts to them.
+
     Raises:
         UserError: If a quantity was not measured, or is not finite in some episode.
     """
@@ -159,6 +164,12 @@ def judge(
     point has the largest product of gains over each stakeholder's worst setting, to the power of
     its weight. The max-min point has the largest least utility, on a scale from each one's worst
     to its best setting.
+
+    Args:
+        worth: Utility of each episode of a setting to each stakeholder.
+        weights: Weight of each stakeholder.
+        resamples: Number of bootstrap resamples of episodes.
+        seed: Seed of the bootstrap.
     """
     settings, episodes, _ = worth.shape
     means = np.concatenate(
@@ -170,7 +181,8 @@ def judge(
         rule: np.bincount(choice, minlength=settings) / resamples
         for rule, choice in choices.items()
     }
-    rows, columns = means[:, :, None], means[:, None]
+    rows = means[:, :, None]
+    columns = means[:, None]
     dominates = np.all(columns >= rows, axis=3) & np.any(columns > rows, axis=3)
     dominated = np.any(dominates, axis=2).mean(axis=0)
     return Judgement(worth.mean(axis=1), low, high, dominated, shares)
@@ -180,7 +192,15 @@ def choose(
     means: Float[np.ndarray, "resample setting stakeholder"],
     weights: Float[np.ndarray, " stakeholder"],
 ) -> dict[str, Int[np.ndarray, " resample"]]:
-    """Return the setting that each of `RULES` chooses; of equal ones the first."""
+    """Return the setting that each rule chooses.
+
+    Args:
+        means: Mean utility of each setting to each stakeholder.
+        weights: Weight of each stakeholder.
+
+    Returns:
+        Indices of the settings by name of the rule, of `RULES`; of equal settings the first.
+    """
     worst = means.min(axis=1, keepdims=True)
     gains = means - worst
     reach = np.maximum(gains.max(axis=1, keepdims=True), _TIE)
@@ -195,7 +215,16 @@ def choose(
 def moved_weights(
     worth: Float[np.ndarray, "setting episode stakeholder"], stakeholders: Sequence[Stakeholder]
 ) -> Iterator[tuple[str, float, dict[str, int]]]:
-    """Yield the choices by `RULES` after each weight is multiplied by each of `FACTORS`."""
+    """Yield the choices after a change of each stakeholder's weight.
+
+    Args:
+        worth: Utility of each episode of a setting to each stakeholder.
+        stakeholders: The stakeholders with their declared weights.
+
+    Yields:
+        The stakeholder's name, the factor of `FACTORS` by which its weight was multiplied, and the
+        index of the setting that each of `RULES` chooses.
+    """
     means = worth.mean(axis=1)[None]
     for number, stakeholder in enumerate(stakeholders):
         for factor in FACTORS:

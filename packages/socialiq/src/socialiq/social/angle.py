@@ -69,9 +69,18 @@ def class_weights(class_angle: float) -> ByClass:
 
 
 def direction_of(angle: float, class_angle: float | None = None) -> RewardPair:
-    """Return the exact weights of an angle; with a class angle those of r_env and each class.
+    """Return the exact weights of r_env and r_social at an angle.
 
-    They are (cos a, sin a cos b, sin a sin b), the angles a and b in degrees.
+    Args:
+        angle: Angle a in degrees.
+        class_angle: Class angle b in degrees, in [0, 90]; None for an r_social without classes.
+
+    Returns:
+        (cos a, sin a); with a class angle (cos a, sin a cos b, sin a sin b), the weights of r_env
+        and each class.
+
+    Raises:
+        UserError: If the class angle is out of range.
     """
     env, social = exact_weights(angle)
     if class_angle is None:
@@ -80,9 +89,14 @@ def direction_of(angle: float, class_angle: float | None = None) -> RewardPair:
 
 
 def angle_of(env: float, social: float) -> float:
-    """Return α̂ = atan2(R_social, R_env) in degrees, in (-180, 180] (thesis 5.4).
+    """Return the empirical angle α̂ = atan2(R_social, R_env) of behaviour (thesis 5.4).
 
-    The arguments are means over episodes: α̂ is an angle of means, not a mean of angles.
+    Args:
+        env: Mean R_env over episodes.
+        social: Mean R_social over episodes: α̂ is an angle of means, not a mean of angles.
+
+    Returns:
+        Degrees in (-180, 180].
     """
     degrees = math.degrees(math.atan2(social, env))
     # atan2 gives -180 for a social return of -0.0, or for a return below rounding.
@@ -90,9 +104,14 @@ def angle_of(env: float, social: float) -> float:
 
 
 def angle_difference(a: Any, b: Any) -> Any:
-    """Return the signed difference a - b of angles in degrees, wrapped to [-180, 180).
+    """Return the signed difference a - b of angles.
 
-    The angles are numbers or arrays that fit each other.
+    Args:
+        a: Angle or array of angles, in degrees.
+        b: Angle or array of angles that fits `a`, in degrees.
+
+    Returns:
+        Degrees in [-180, 180).
     """
     difference = wrapped(a - b, 180.0)
     # The remainder of a very small negative number rounds up to 360.
@@ -100,12 +119,18 @@ def angle_difference(a: Any, b: Any) -> Any:
 
 
 def score(weights: RewardPair, rewards: RewardPair) -> Any:
-    """Return R(α) = cos α · r_env + sin α · r_social (Eq 4.3), of rewards or returns of any shape.
+    """Return R(α) = cos α · r_env + sin α · r_social (Eq 4.3).
 
-    The weights are scalars or traced arrays. Where r_social has parts by class, the weights have
-    them too.
+    Args:
+        weights: (cos α, sin α), scalars or traced arrays; with parts by class where r_social has
+            them.
+        rewards: Rewards or returns of any shape.
+
+    Returns:
+        R(α), in the shape of the rewards.
     """
-    (env, *others), (r_env, *r_others) = weights.parts, rewards.parts
+    env, *others = weights.parts
+    r_env, *r_others = rewards.parts
     total = env * r_env
     for weight, reward in zip(others, r_others, strict=True):
         total = total + weight * reward
@@ -137,6 +162,13 @@ def estimate_angle(
     Each resample draws whole episodes, so the pair of an episode's sums stays together; its mean
     vector gives an angle, whose deviation from α̂ is wrapped before the percentiles are taken.
 
+    Args:
+        env: Sum of r_env of each episode.
+        social: Sum of r_social of each episode.
+        seed: Seed of the bootstrap.
+        confidence: Confidence of the interval.
+        resamples: Number of resamples.
+
     Raises:
         UserError: If there are no episodes or a total is not finite.
     """
@@ -154,7 +186,13 @@ def estimate_angle(
 def resampled_means(
     totals: Float64[np.ndarray, "episode 2"], seed: int, resamples: int
 ) -> Float64[np.ndarray, "resample 2"]:
-    """Return the mean totals of bootstrap resamples of episodes."""
+    """Return the mean totals of bootstrap resamples of episodes.
+
+    Args:
+        totals: Sums of (r_env, r_social) of each episode.
+        seed: Seed of the bootstrap.
+        resamples: Number of resamples.
+    """
     blocks = resample_rows(len(totals), resamples, seed)
     return np.concatenate([totals[rows].mean(axis=1) for rows in blocks])
 
@@ -162,7 +200,16 @@ def resampled_means(
 def interval_around(
     angle: float, means: Float64[np.ndarray, "resample 2"], confidence: float
 ) -> tuple[float, float]:
-    """Return the percentile interval of the means' directions around an angle, in degrees."""
+    """Return the percentile interval of the directions of means, around an angle.
+
+    Args:
+        angle: The angle, in degrees.
+        means: Mean (R_env, R_social) of each resample.
+        confidence: Confidence of the interval.
+
+    Returns:
+        The ends in degrees: the angle plus wrapped deviations, so they may leave (-180, 180].
+    """
     off = angle_difference(np.degrees(np.arctan2(means[:, 1], means[:, 0])), angle)
     low, high = angle + np.quantile(off, [(1 - confidence) / 2, (1 + confidence) / 2])
     return float(low), float(high)
@@ -176,9 +223,15 @@ def direction_interval(
 ) -> tuple[float, float] | None:
     """Return the directions in which Hotelling's T² region of the mean is seen from the origin.
 
-    The region is of the whole vector, so the directions are covered at least as often as it is. The
-    pairs are at least three independent rows. The ends are in degrees, unwrapped around the
-    direction of the mean; None if the origin is inside: then no direction is excluded.
+    The region covers the whole vector, so the directions are covered at least as often as it is.
+
+    Args:
+        pairs: At least three independent rows.
+        confidence: Confidence of the region.
+
+    Returns:
+        The ends in degrees, unwrapped around the direction of the mean. None if the origin is
+        inside: then no direction is excluded.
     """
     region = hotelling_region(pairs, confidence)
     if region.holds_origin:
@@ -204,9 +257,14 @@ class Arc:
 
 
 def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...]:
-    """Return the complement on the circle of open arcs, each a centre and a half-width in degrees.
+    """Return the complement on the circle of open arcs.
 
-    It is closed arcs in the order of their low ends; the whole circle is an arc from 0 to 360.
+    Args:
+        centres: Centre of each arc, in degrees.
+        halves: Half-width of each arc, in degrees; an arc of none or less is left out.
+
+    Returns:
+        Closed arcs in the order of their low ends; the whole circle is an arc from 0 to 360.
     """
     spans = sorted(
         ((centre - half) % 360.0, 2.0 * half)
@@ -226,7 +284,15 @@ def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, 
 
 
 def arcs_of_grid(inside: Bool[np.ndarray, " angle"], step: float) -> tuple[Arc, ...]:
-    """Return the arcs of neighbouring angles inside a set: of 0, step, 2 step, ... degrees."""
+    """Return the arcs of neighbouring angles that are inside a set.
+
+    Args:
+        inside: Whether each of the angles 0, step, 2 step, ... of the whole circle is inside.
+        step: Step of the grid, in degrees.
+
+    Returns:
+        Arcs in the order of their low ends; the whole circle is an arc from 0 to 360.
+    """
     if inside.all():
         return (Arc(0.0, 360.0),)
     turned = np.roll(inside, -1)

@@ -116,7 +116,15 @@ class AngleRule:
         return min(every), max(every)
 
     def context(self, features: Features, rows: int) -> Int64[np.ndarray, " row"]:
-        """Return the number of the context in each of so many situations, the default's last."""
+        """Return the number of the context of each situation.
+
+        Args:
+            features: Values of each feature, by name.
+            rows: Number of situations.
+
+        Returns:
+            The index of the first case whose conditions hold; the number of cases for the default.
+        """
         contexts = np.full(rows, len(self.cases))
         for number, case in reversed(list(enumerate(self.cases))):
             holds = np.ones(rows, bool)
@@ -127,8 +135,14 @@ class AngleRule:
         return contexts
 
     def degrees(self, features: Features, rows: int) -> Float64[np.ndarray, " row"]:
-        """Return the angle in each of so many situations, in degrees."""
-        context, degrees = self.context(features, rows), np.empty(rows)
+        """Return the angle of each situation, in degrees.
+
+        Args:
+            features: Values of each feature, by name.
+            rows: Number of situations.
+        """
+        context = self.context(features, rows)
+        degrees = np.empty(rows)
         for number, angle in enumerate(self.angles):
             where = context == number
             if isinstance(angle, Interpolated):
@@ -241,7 +255,8 @@ def _angle(value: Any, what: str) -> Angle:
         raise UserError(
             f"{what} must be a number of degrees, or a table with by (a feature), at and degrees"
         )
-    by, lists = value["by"], (value["at"], value["degrees"])
+    by = value["by"]
+    lists = value["at"], value["degrees"]
     if not isinstance(by, str) or not _NAME.fullmatch(by):
         raise UserError(f"by of {what} is not the name of a feature")
     sizes = [len(column) if isinstance(column, list | tuple) else 0 for column in lists]

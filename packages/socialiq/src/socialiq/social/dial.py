@@ -26,22 +26,32 @@ class Setting(NamedTuple):
 
 
 def mixture(points: Float[np.ndarray, "policy 2"], mixed: Setting) -> Float[np.ndarray, " xy"]:
-    """Return the expected sums of (r_env, r_social) of a mixture of these policies."""
+    """Return the expected sums of a mixture of two policies.
+
+    Args:
+        points: Expected sums of (r_env, r_social) of each policy.
+        mixed: The two policies, and the share of the second.
+    """
     return (1.0 - mixed.share) * points[mixed.first] + mixed.share * points[mixed.second]
 
 
 def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:
-    """Return the mixture of two policies at an angle, in degrees, with the largest radius.
+    """Return the mixture of two policies at an angle with the largest radius.
 
-    The points are expected sums of (r_env, r_social) of each policy. Mixtures of more policies are
-    no larger: the ray leaves the convex hull through an edge.
+    Mixtures of more policies are no larger: the ray leaves the convex hull through an edge.
+
+    Args:
+        points: Expected sums of (r_env, r_social) of each policy.
+        angle: The angle, in degrees.
 
     Raises:
         UserError: If no mixture of these policies has this angle.
     """
     ray = np.array(weights(angle))
-    across, along = points @ np.array([-ray[1], ray[0]]), points @ ray
-    before, after = across[:, None], across[None, :]
+    across = points @ np.array([-ray[1], ray[0]])
+    along = points @ ray
+    before = across[:, None]
+    after = across[None, :]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = before / (before - after)
     share = np.where(before == after, 0.0, share)
@@ -68,8 +78,13 @@ def mixed_angle(
 ) -> AngleEstimate:
     """Return α̂ of a mixture from rollouts of its two policies, with a bootstrap interval.
 
-    Given are the sums of (r_env, r_social) of each policy's episodes, and the share of episodes
-    that the second drives in the mixture.
+    Args:
+        first: Sums of (r_env, r_social) of each episode of the first policy.
+        second: The same of the second policy.
+        share: Share of episodes that the second drives in the mixture.
+        seed: Seed of the bootstrap.
+        confidence: Confidence of the interval.
+        resamples: Number of resamples.
 
     Raises:
         UserError: If a policy has no episode.

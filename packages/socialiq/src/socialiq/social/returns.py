@@ -23,22 +23,42 @@ Rewards = Float[np.ndarray, " steps"]
 
 
 def running(rewards: Rewards, discount: float) -> Rewards:
-    """Return G_t = sum_{k<=t} γ^k r_k, the return since the start of the episode."""
+    """Return G_t = sum_{k<=t} γ^k r_k, the return since the start of the episode.
+
+    Args:
+        rewards: Rewards of one episode.
+        discount: γ_svo.
+    """
     return np.cumsum(discount ** np.arange(len(rewards)) * rewards)
 
 
 def to_go(rewards: Rewards, discount: float) -> Rewards:
-    """Return G_t = sum_{k>=t} γ^(k-t) r_k, the return-to-go."""
+    """Return G_t = sum_{k>=t} γ^(k-t) r_k, the return-to-go.
+
+    Args:
+        rewards: Rewards of one episode.
+        discount: γ_svo.
+    """
     return np.asarray(lfilter([1.0], [1.0, -discount], rewards[::-1]))[::-1].copy()
 
 
 def trajectory(rewards: Rewards, discount: float) -> Rewards:
-    """Return G_t = sum_k γ^k r_k for every t, the return of the whole episode."""
+    """Return G_t = sum_k γ^k r_k for every t, the return of the whole episode.
+
+    Args:
+        rewards: Rewards of one episode, at least one.
+        discount: γ_svo.
+    """
     return np.full(len(rewards), running(rewards, discount)[-1])
 
 
 def instantaneous(rewards: Rewards, discount: float) -> Rewards:  # noqa: ARG001
-    """Return G_t = r_t, not cumulative. It has the policies of the advantage (docs/theory.md)."""
+    """Return G_t = r_t, not cumulative. It has the policies of the advantage (docs/theory.md).
+
+    Args:
+        rewards: Rewards of one episode.
+        discount: Not used.
+    """
     return np.array(rewards)
 
 
@@ -56,9 +76,13 @@ def cumulative(
     episode: Int[np.ndarray, " transitions"],
     discount: float,
 ) -> Float[np.ndarray, " transitions"]:
-    """Return the targets of one of `TARGET_KINDS` for every episode of a table of transitions.
+    """Return the targets of one kind for every episode of a table of transitions.
 
-    An episode's rows have its number, are adjacent and in order. The discount is γ_svo.
+    Args:
+        kind: One of `TARGET_KINDS`.
+        rewards: Reward of each transition.
+        episode: Number of each transition's episode; its rows are adjacent and in order.
+        discount: γ_svo.
 
     Raises:
         UserError: If the kind is unknown.
@@ -77,7 +101,13 @@ def advantage(
 ) -> Column:
     """Return A_t = r_t + γ V(s_{t+1}) - V(s_t), with V = 0 after an episode's last row.
 
-    As for returns-to-go, V is 0 after every kind of ending. Rows are as for `cumulative`.
+    As for returns-to-go, V is 0 after every kind of ending.
+
+    Args:
+        rewards: Reward of each transition.
+        value: V(s) of each transition.
+        episode: Number of each transition's episode; its rows are adjacent and in order.
+        discount: γ.
     """
     last = np.diff(episode, append=episode[-1:] + 1) != 0
     following = np.where(last, 0.0, np.roll(value, -1))
@@ -87,7 +117,11 @@ def advantage(
 def mean_by_state(
     observation: Shaped[np.ndarray, "transitions feature"], returns: Column
 ) -> Column:
-    """Return V(s) of each transition: the mean of `returns`, to go, over equal observations.
+    """Return V(s) of each transition: the mean return-to-go over equal observations.
+
+    Args:
+        observation: s of each transition.
+        returns: Return-to-go of each transition.
 
     Raises:
         UserError: If no observation occurs twice: each V would be its own return, each A 0.

@@ -30,11 +30,19 @@ _FINEST = 0.05  # of the margin; levels close to it are a tenth of this apart
 
 
 def levels(margin: float, limit: float, between: bool = False) -> Levels:
-    """Return candidates of a mean, dense around a positive margin, chosen before there are values.
+    """Return candidates of a mean, dense around a margin, chosen before there are values.
 
     A bound is one of them. Its guarantee needs no finer grid: a mean that lies between two levels
-    is at least the lower one, so the test of that level covers it. For a lower bound, which must be
-    above the margin, not on it, the margin lies midway `between` two levels.
+    is at least the lower one, so the test of that level covers it.
+
+    Args:
+        margin: The margin, positive.
+        limit: Largest absolute value of a level, which no level reaches.
+        between: Whether the margin lies midway between two levels: for a lower bound, which must be
+            above the margin, not on it.
+
+    Returns:
+        Levels in rising order.
     """
     finest = _FINEST * margin
     steps = math.ceil(math.asinh((limit + margin) / finest) / _STEP)
@@ -48,12 +56,17 @@ def significantly_below(
 ) -> Bool[np.ndarray, "series level"]:
     """Test for each series and level whether the mean is below the level.
 
-    If it is not, the test says so with a chance of at most `error`, at each level, or of each
-    level. Values are independent, in the order of their drawing; each is at most `limit`, which is
-    positive and above every level, and may be arbitrarily low.
+    Args:
+        values: Independent values in the order of their drawing. Each is at most the limit, and may
+            be arbitrarily low.
+        means: The levels.
+        limit: Largest value, positive and above every level.
+        error: Largest chance, at each level, that the test says so of a mean that is not below; one
+            number, or one for each level.
     """
     episodes = values.shape[1]
-    count, columns = np.arange(1.0, episodes + 1.0), values.T
+    count = np.arange(1.0, episodes + 1.0)
+    columns = values.T
     # Mean and deviation of the values before each one.
     mean = np.cumsum(columns, axis=0) / count[:, None]
     before = np.concatenate([np.zeros((1, len(values))), mean[:-1]])
@@ -78,8 +91,14 @@ def bounds_by_betting(
     It is the lowest level from which on all levels are rejected. If it is below the true mean, the
     highest level up to that mean was rejected wrongly: the bound has that one test's error.
 
-    The arguments are those of `significantly_below`, the levels rising and chosen without the
-    values. A series with a value above the limit has no bound but infinity.
+    Args:
+        values: Independent values in the order of their drawing.
+        means: The levels, rising and chosen without the values.
+        limit: Largest value, positive and above every level.
+        error: Largest chance that a bound is below its mean.
+
+    Returns:
+        A level or the limit; infinity for a series with a value above the limit.
     """
     allowed = (values <= limit).all(axis=1)
     bounds = np.full(len(values), np.inf)
@@ -93,9 +112,16 @@ def lower_bound_of_largest(values: Series, means: Levels, limit: float, error: f
     """Return a one-sided lower bound of the largest mean, for any distribution.
 
     Each stake is on the series that was largest so far. If every mean is at most m, none of these
-    stakes can expect to gain, so the choice of the series needs no correction. All series have the
-    same episodes, in the order of their drawing. The rising levels, each above -limit, are chosen
-    without the values. With a negative value below -limit there is no bound but minus infinity.
+    stakes can expect to gain, so the choice of the series needs no correction.
+
+    Args:
+        values: Series of the same episodes, in the order of their drawing.
+        means: Levels, rising, each above -limit, and chosen without the values.
+        limit: Positive number; the values are at least -limit.
+        error: Largest chance that the bound is above the largest mean.
+
+    Returns:
+        The bound; minus infinity if a value that is staked on is below -limit.
     """
     followed = values[leading(values), np.arange(values.shape[1])][None]
     return -float(bounds_by_betting(-followed, -means[::-1], limit, error)[0])
@@ -113,20 +139,32 @@ def episodes_by_betting(
     """Return the number of values with which a mean is found to be below a level.
 
     The logarithm of the wealth is a sum of independent terms, taken as normal, with one constant
-    stake: the best of those allowed for the values at hand. `power` is the chance of a decision if
-    these are typical. It is None if no stake gains on them, or one is above the limit.
+    stake: the best of those allowed for the values at hand.
+
+    Args:
+        values: Typical values.
+        mean: The level.
+        limit: Largest value, above the level.
+        error: Error of the test.
+        power: Chance of a decision if the values are typical.
+
+    Returns:
+        The number, at least 1. None if no stake gains on the values, or one is above the limit.
     """
     from scipy.stats import norm
 
     if values.max() > limit:
         return None
-    target, quantile = -math.log(error), float(norm.ppf(power))
+    target = -math.log(error)
+    quantile = float(norm.ppf(power))
     stakes = LARGEST_STAKE / (limit - mean) * np.geomspace(1e-4, 1.0, 60)
     gained = np.log1p(stakes[:, None] * (mean - values))
-    drift, deviation = gained.mean(axis=1), gained.std(axis=1)
+    drift = gained.mean(axis=1)
+    deviation = gained.std(axis=1)
     if not (drift > 0.0).any():
         return None
-    drift, deviation = drift[drift > 0.0], deviation[drift > 0.0]
+    deviation = deviation[drift > 0.0]
+    drift = drift[drift > 0.0]
     spread = quantile * deviation
     root = (spread + np.sqrt(spread**2 + 4.0 * drift * target)) / (2.0 * drift)
     return max(1, math.ceil(float(np.min(root) ** 2)))

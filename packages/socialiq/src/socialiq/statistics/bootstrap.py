@@ -19,7 +19,13 @@ def resample_rows(
 ) -> Iterator[Int64[np.ndarray, "block episodes"]]:
     """Draw the rows of bootstrap resamples in blocks, with memory independent of their number.
 
-    The concatenated blocks are a draw of shape (resamples, episodes) for any block size.
+    Args:
+        episodes: Number of episodes, and of rows in each resample.
+        resamples: Number of resamples.
+        seed: Seed of the draw.
+
+    Yields:
+        Blocks of rows. Together they are a draw of shape (resamples, episodes) for any block size.
     """
     rng = np.random.default_rng(seed)
     block = max(1, _BLOCK // episodes)
@@ -60,7 +66,13 @@ class Moments(NamedTuple):
     def of(
         gains: Float[np.ndarray, "reference episode 2"], seed: int, resamples: int = 2000
     ) -> Moments:
-        """Draw the resamples; memory grows with references, not with resamples times episodes."""
+        """Draw the resamples; memory grows with references, not with resamples times episodes.
+
+        Args:
+            gains: Gain (env, social) of each reference over the policy in each episode.
+            seed: Seed of the bootstrap.
+            resamples: Number of resamples.
+        """
         references, episodes, _ = gains.shape
         mean = gains.mean(axis=1)
         env, social = np.moveaxis(gains - mean[:, None], 2, 0)
@@ -73,7 +85,12 @@ class Moments(NamedTuple):
         )
 
     def at(self, weights: tuple[float, float], rows: np.ndarray) -> Studentised:
-        """Return the sum of both gains of some references, weighted as R(α), as one scalar."""
+        """Return the weighted sum of both gains of some references, as one scalar.
+
+        Args:
+            weights: (cos α, sin α), as in R(α).
+            rows: Indices of the references.
+        """
         env, social = weights
         freedom = self.episodes - 1
         error = np.sqrt(np.maximum(_variance(self.second[rows], env, social), 0.0) / freedom)
@@ -99,7 +116,13 @@ def _variance(moments: Float[np.ndarray, "*shape 3"], env: float, social: float)
 def resampled_means(
     totals: Float[np.ndarray, "driver episode 2"], seed: int, resamples: int = 2000
 ) -> Float[np.ndarray, "resample driver 2"]:
-    """Return mean totals of drivers in bootstrap resamples of their common episodes."""
+    """Return mean totals of drivers in bootstrap resamples of their common episodes.
+
+    Args:
+        totals: Sums of (r_env, r_social) of each driver in each episode.
+        seed: Seed of the bootstrap.
+        resamples: Number of resamples.
+    """
     drivers, episodes, _ = totals.shape
     flat = np.moveaxis(totals, 1, 0).reshape(episodes, -1)
     counts = _drawn(episodes, resamples, seed)
@@ -141,6 +164,10 @@ def upper_bounds(means: Studentised, error: float) -> Float[np.ndarray, " refere
     only if it exceeds its own bound. As a test of "every reference is within the margin" it is an
     intersection-union test (Berger 1982), which is exact where one reference is clearly the best
     and conservative where several tie.
+
+    Args:
+        means: The means with their resamples.
+        error: Chance that a bound is below its mean.
     """
     low = np.quantile(means.resampled, error, axis=0)
     return means.mean - low * means.error
@@ -154,8 +181,12 @@ def largest_exceeds(means: Studentised, limit: float, error: float) -> bool:
     correlated and many far below the limit. Instead the critical value is the quantile of the
     largest of the bootstrapped t, in which each reference is lowered by how far its own mean must
     be below the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to
-    that first step). With one reference it is Student's one-sided test, but for that tenth. All
-    standard errors must be positive.
+    that first step). With one reference it is Student's one-sided test, which needs no first step.
+
+    Args:
+        means: The means with their resamples; all standard errors must be positive.
+        limit: The limit.
+        error: Error of the test.
     """
     # Simultaneous upper bounds of the means, at a tenth of the error.
     smallest = means.resampled.min(axis=1)
@@ -170,7 +201,12 @@ def largest_exceeds(means: Studentised, limit: float, error: float) -> bool:
 
 
 def largest_lower_bound(means: Studentised, error: float) -> float:
-    """Return a one-sided lower bound of the largest mean, by bisection of `largest_exceeds`."""
+    """Return a one-sided lower bound of the largest mean, by bisection of `largest_exceeds`.
+
+    Args:
+        means: The means with their resamples; all standard errors must be positive.
+        error: Chance that the bound is above the largest mean.
+    """
     high = float(means.mean.max())
     low = high - 50.0 * float(means.error.max())
     for _ in range(_HALVINGS):

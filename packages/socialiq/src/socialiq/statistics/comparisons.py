@@ -146,7 +146,8 @@ def share_contrast(
     Raises:
         UserError: If a sample has no trial.
     """
-    first, second = wilson(count, trials, confidence), wilson(other_count, other_trials, confidence)
+    first = wilson(count, trials, confidence)
+    second = wilson(other_count, other_trials, confidence)
     difference = first.value - second.value
     below = math.hypot(first.value - first.low, second.high - second.value)
     above = math.hypot(first.high - first.value, second.value - second.low)

@@ -22,7 +22,11 @@ def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Re
     """Return Hotelling's T² region of a mean vector (Hotelling 1931), for independent rows.
 
     The mean μ is inside if n (x̄ - μ)' S⁻¹ (x̄ - μ) <= 2 (n - 1) / (n - 2) F_{2, n-2}. Where the
-    rows, at least three, do not vary in some direction, the region has no extent there.
+    rows do not vary in some direction, the region has no extent in it.
+
+    Args:
+        pairs: At least three rows.
+        confidence: Confidence of the region.
     """
     from scipy.stats import f
 
@@ -55,7 +59,12 @@ class Ellipse:
 
 
 def confidence_ellipse(totals: Float[np.ndarray, "episode 2"], confidence: float = 0.95) -> Ellipse:
-    """Return the region of the mean totals of three episodes or more: centre, half-axes, tilt."""
+    """Return the confidence region of mean totals: its centre, half-axes and tilt.
+
+    Args:
+        totals: Sums of (r_env, r_social) of at least three episodes.
+        confidence: Confidence of the region.
+    """
     region = hotelling_region(totals, confidence)
     first, second = region.axes[:, 1]
     tilt = float(np.degrees(np.arctan2(second, first)))

@@ -1,6 +1,6 @@
 """Confidence intervals of shares (Wilson, Clopper and Pearson), and bounds of means of rare events.
 
-The bounds are of a mean whose values are nearly all equal, for which a bootstrap fails.
+The bounds hold for a mean whose values are nearly all equal, for which a bootstrap fails.
 """
 
 from __future__ import annotations
@@ -26,6 +26,11 @@ class Share(NamedTuple):
 def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
     """Return a share of trials with its Wilson score interval (Wilson 1927).
 
+    Args:
+        count: Number of trials with the event.
+        trials: Number of trials.
+        confidence: Confidence of the interval.
+
     Raises:
         UserError: If there are no trials.
     """
@@ -41,6 +46,11 @@ def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
 
     Each end has an error of at most (1 - confidence) / 2 for any true share. Wilson's interval is
     shorter and keeps its level on average only.
+
+    Args:
+        count: Number of trials with the event.
+        trials: Number of trials.
+        confidence: Confidence of the interval.
 
     Raises:
         UserError: If there are no trials.
@@ -67,11 +77,17 @@ _EQUAL = 1e-9  # relative to the range; below it values differ by rounding
 
 
 def normal_mean(name: str, values: Num[np.ndarray, " episode"]) -> dict[str, float]:
-    """Return a mean with its normal 95 % interval as columns of a row: name, name_low, name_high.
+    """Return a mean with its normal 95 % interval as columns of a row.
 
-    The ends are NaN for a single value.
+    Args:
+        name: Name of the mean.
+        values: Independent values.
+
+    Returns:
+        name, name_low and name_high; the ends are NaN for a single value.
     """
-    mean, count = float(values.mean()), len(values)
+    mean = float(values.mean())
+    count = len(values)
     half = 1.96 * float(values.std(ddof=1)) / count**0.5 if count > 1 else math.nan
     return {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
 
@@ -86,7 +102,9 @@ class Bounds(NamedTuple):
 def deviating(values: Float[np.ndarray, " episode"], reach: float) -> int:
     """Return the number of values that differ from the median, the most frequent value.
 
-    `reach` is the largest absolute value that they can have.
+    Args:
+        values: The values.
+        reach: Largest absolute value that they can have.
     """
     return int((np.abs(values - np.median(values)) > _EQUAL * max(reach, 1e-300)).sum())
 
@@ -95,6 +113,10 @@ def seldom(values: Float[np.ndarray, " episode"], reach: float) -> bool:
     """Whether too few values differ for a bootstrap.
 
     If enough of the first values differ from their own median, enough of all do; this is fast.
+
+    Args:
+        values: The values.
+        reach: Largest absolute value that they can have.
     """
     if deviating(values[: 4 * FEWEST], reach) >= FEWEST:
         return False
@@ -106,13 +128,19 @@ def bounds(
 ) -> Bounds:
     """Bound the mean by the largest share of deviating values and their largest deviation.
 
-    If v is the common value and a share p of all episodes deviates, the mean lies between
-    v - p (reach + v) and v + p (reach - v). p has its exact binomial upper bound (Clopper &
-    Pearson 1934), so equal episodes throughout leave 3 reach / n at 95 %, not 0. `values` are a
-    difference between two drivers, for instance 0 in nearly every episode, and `reach` its largest
-    absolute value, the range of all drivers' totals.
+    If v is the common value and a share p of all episodes deviates, the mean lies between v - p
+    (reach + v) and v + p (reach - v). p has its exact binomial upper bound (Clopper & Pearson
+    1934), so equal episodes throughout leave 3 reach / n at 95 %, not 0.
+
+    Args:
+        values: A difference between two drivers in each episode, for instance 0 in nearly every
+            one.
+        reach: Largest absolute difference: the range of all drivers' totals.
+        low_error: Chance that the lower bound is above the mean.
+        high_error: Chance that the upper bound is below the mean.
     """
-    common, count = float(np.median(values)), deviating(values, reach)
+    common = float(np.median(values))
+    count = deviating(values, reach)
     below, above = (_share(count, len(values), error) for error in (low_error, high_error))
     return Bounds(common - below * (reach + common), common + above * (reach - common))
 
@@ -122,8 +150,15 @@ def episodes_if_rare(
 ) -> int | None:
     """Return the number of episodes for which a bound is within a distance of the common value.
 
-    The number of deviating episodes so far, `count`, is assumed to stay the same. None if the
-    distance to the limit is 0.
+    Args:
+        distance: The distance.
+        common: The common value.
+        reach: Largest absolute value that the values can have.
+        count: Number of deviating episodes so far, which is assumed to stay the same.
+        error: Error of the bound.
+
+    Returns:
+        The number; None if the distance is 0.
     """
     from scipy.stats import chi2
 
@@ -141,8 +176,16 @@ POWER = 0.9
 def episodes_needed(distance: float, deviation: float, error: float) -> int | None:
     """Return the number of episodes with which a one-sided test decides (normal approximation).
 
-    n = ((z_{1-error} + z_power) σ / distance)², with σ the deviation of one episode; None if the
-    distance between value and limit is 0, where no number is enough.
+    n = ((z_{1-error} + z_power) σ / distance)².
+
+    Args:
+        distance: Distance between value and limit.
+        deviation: σ, the standard deviation of one episode.
+        error: Error of the test.
+
+    Returns:
+        The number, at least 1. None if the distance is 0, where no number is enough, or the number
+        is 1e12 or more.
     """
     from scipy.stats import norm
 

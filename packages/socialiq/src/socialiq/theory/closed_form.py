@@ -28,9 +28,15 @@ def closed_form(problem: Problem, occupancy: StateActionArray) -> StateActionArr
     """Return r̂(s, a) = m + [1 - ρ_π(s, a) / ρ_E(s, a)] / (2κ), the reward at the minimum.
 
     It follows from the derivative of the loss by r̂(s, a), where that of (1 - γ) E_p0[V] is
-    ρ_π(s, a). Without a prior it is the χ² fixed point of Garg et al. 2021. Pairs that are not
-    demonstrated have no minimum: r̂ tends to -inf there. The occupancy is ρ_π of the policy at the
-    minimum, with the scale of ρ_E.
+    ρ_π(s, a). Without a prior it is the χ² fixed point of Garg et al. 2021.
+
+    Args:
+        problem: The objective, with its exact measures.
+        occupancy: ρ_π(s, a) of the policy at the minimum, with the scale of ρ_E.
+
+    Returns:
+        r̂ of each (state, action), in units of reward. It is -inf for pairs that are not
+        demonstrated: they have no minimum, and r̂ tends to -inf.
     """
     support = problem.support
     ratio = occupancy / np.where(support, problem.demonstrated, 1.0)
@@ -43,8 +49,17 @@ def conservative_loss(problem: Problem, q: StateActionArray, v: StateArray) -> f
 
     It equals `Problem.loss` up to `offset`, at every Q, with the same arguments. The same identity
     holds for networks, row by row (tests/identities/test_objective_identities.py).
+
+    Args:
+        problem: The objective, with its exact measures.
+        q: Q(s, a), read on the support only.
+        v: V(s), the soft value of the demonstrated actions' Q.
+
+    Returns:
+        The loss, which is lower than `Problem.loss` by `offset`.
     """
-    support, weight = problem.support, problem.demonstrated[problem.support]
+    support = problem.support
+    weight = problem.demonstrated[problem.support]
     surprise = (v[:, None] - q)[support]  # -τ log π(a|s)
     residual = (bellman_reward(problem.mdp, q, v, problem.discount) - centre(problem))[support]
     return float(weight @ (surprise + problem.curvature * residual**2))
@@ -59,7 +74,15 @@ def offset(problem: Problem) -> float:
 
 
 def chi2_distance(problem: Problem, occupancy: StateActionArray) -> float:
-    """Return χ²(ρ, ρ_E) = Σ (ρ - ρ_E)² / ρ_E; infinite if ρ leaves the support of ρ_E."""
+    """Return χ²(ρ, ρ_E) = Σ (ρ - ρ_E)² / ρ_E.
+
+    Args:
+        problem: The problem whose demonstrated occupancy is ρ_E.
+        occupancy: ρ(s, a), with the scale of ρ_E.
+
+    Returns:
+        The distance, summed over the support of ρ_E; infinite if ρ leaves the support.
+    """
     support = problem.support
     if occupancy[~support].any():
         return float("inf")
@@ -77,7 +100,14 @@ def primal_value(problem: Problem, occupancy: StateActionArray) -> float:
 
     The loss is the maximum over π of -E_E[r] + E_π[r] + τ H + κ E_E[(r - m)²] + constant. The
     minimum of this over r is E_π[m] - E_E[m] + τ H - χ² / (4κ). The value is this times 4κ,
-    without the constants. The occupancy is of any policy, with the scale of ρ_E.
+    without the constants.
+
+    Args:
+        problem: The objective, with its exact measures.
+        occupancy: ρ(s, a) of any policy, with the scale of ρ_E.
+
+    Returns:
+        The value; -inf if the occupancy leaves the support of ρ_E.
     """
     support = problem.support
     earned = float(occupancy[support] @ problem.target[support])
@@ -89,8 +119,13 @@ def primal_value(problem: Problem, occupancy: StateActionArray) -> float:
 def dual_value(problem: Problem, loss: float) -> float:
     """Return 4κ (loss + E_E[m]) without the constant of the square, a bound of `primal_value`.
 
-    With `Problem.loss` at any Q it is at least every policy's primal value, with equality only at
-    the minimum: a certificate.
+    Args:
+        problem: The objective, with its exact measures.
+        loss: `Problem.loss` at any Q.
+
+    Returns:
+        A number that is at least every policy's primal value, with equality only at the minimum: a
+        certificate.
     """
     support = problem.support
     relabelled = float(problem.demonstrated[support] @ centre(problem)[support])

@@ -3,7 +3,7 @@
 Batches draw rows without the discount, and the thesis' flag d treats a truncation as an end. The
 shares of rows are not a discounted occupancy of the MDP. They are an occupancy of the MDP with two
 changes. An episode may start in the state of any row, because V of every row's state counts in
-term 2. A pair ends the episode with the probability with which episodes were truncated there.
+term 2. A pair ends the episode with the probability with which a truncation followed the pair.
 """
 
 from __future__ import annotations
@@ -28,6 +28,15 @@ def occupancies(
     mdp: TabularMDP, policies: Sequence[StateActionArray], shares: Sequence[float], discount: float
 ) -> Float[np.ndarray, "demonstrator state action"]:
     """Return each demonstrator's part of ρ_E, by its share of episodes; the sum is ρ_E.
+
+    Args:
+        mdp: The world of all demonstrators.
+        policies: π_k(a|s) of each demonstrator.
+        shares: Share of each demonstrator's episodes among all episodes.
+        discount: γ in [0, 1).
+
+    Returns:
+        The parts, (demonstrator, state, action).
 
     Raises:
         UserError: If the shares are not a distribution over the demonstrators.
@@ -55,9 +64,19 @@ def mean_target(
     - own_advantage: Σ_k p(k|s, a) A_k(s, a), each against its own V. It is not a shaping of R,
       because p(k|s, a) depends on a. A deterministic demonstrator has A_k = 0 on its own actions.
 
-    p(k|s, a) is the share of demonstrator k at (s, a) of `by_demonstrator`, the result of
-    `occupancies`. The returns are discounted with γ. T̄ is 0 where no action is demonstrated,
-    except for the kind instantaneous.
+    p(k|s, a) is the share of demonstrator k at (s, a) of `by_demonstrator`.
+
+    Args:
+        mdp: The world of all demonstrators.
+        policies: π_k(a|s) of each demonstrator.
+        by_demonstrator: Parts of ρ_E, the result of `occupancies`.
+        reward: R(α) of each (state, action).
+        kind: One of `TARGET_KINDS`.
+        discount: γ of the returns.
+
+    Returns:
+        T̄ of each (state, action). It is 0 where no action is demonstrated, except for the kind
+        instantaneous.
 
     Raises:
         UserError: If the kind is unknown, or no function of state and action.
@@ -119,8 +138,17 @@ def drawn_rows(
 ) -> Drawn:
     """Return the rows of a data set with infinitely many episodes of at most `horizon` steps.
 
-    `shares` are each demonstrator's share of the episodes, and `reward` is R(α) of Eq 4.3. The kind
-    is "instantaneous" or "to_go", whose returns end at the truncation.
+    Args:
+        mdp: The world of all demonstrators.
+        policies: π_k(a|s) of each demonstrator.
+        shares: Share of each demonstrator's episodes among all episodes.
+        reward: R(α) of Eq 4.3, of each (state, action).
+        kind: "instantaneous" or "to_go", whose returns end at the truncation.
+        horizon: Steps after which an episode is truncated.
+        discount: γ of the returns, and of the occupancy.
+
+    Returns:
+        The shares of rows and their mean target, with the MDP of which the shares are an occupancy.
 
     Raises:
         UserError: If an argument is invalid.
@@ -131,10 +159,12 @@ def drawn_rows(
     if kind not in ("instantaneous", "to_go"):
         raise UserError(f"rows carry no target kind {kind}: choose instantaneous or to_go")
     visits = np.zeros(reward.shape)
-    earned, cut = np.zeros(reward.shape), np.zeros(reward.shape)
+    earned = np.zeros(reward.shape)
+    cut = np.zeros(reward.shape)
     for share, policy in zip(shares, policies, strict=True):
         times = share * visits_by_time(mdp, policy, horizon)
-        to_go, after = [], np.zeros(mdp.n_states)  # Q(s, a) from the last step back
+        to_go = []  # Q(s, a) from the last step back
+        after = np.zeros(mdp.n_states)
         for _ in range(horizon):
             to_go.append(reward + discount * mdp.expected_next(after))
             after = (policy * to_go[-1]).sum(axis=1)
@@ -154,7 +184,13 @@ def drawn_rows(
 def with_cuts(mdp: TabularMDP, cut: StateActionArray) -> TabularMDP:
     """Return the MDP in which every pair also ends the episode at random, as `Ending.OTHER`.
 
-    The probability of a truncation after (s, a) is `cut`, whether the episode ended there or not.
+    Args:
+        mdp: The MDP without truncations.
+        cut: Probability of a truncation after (s, a), of each (state, action). It does not depend
+            on whether the step would have ended the episode.
+
+    Returns:
+        An MDP with one more outcome for each (state, action).
     """
     ends = np.full_like(mdp.successor[..., :1], int(Ending.OTHER))
     return dataclasses.replace(
@@ -170,9 +206,23 @@ def with_cuts(mdp: TabularMDP, cut: StateActionArray) -> TabularMDP:
 def visits_by_time(
     mdp: TabularMDP, policy: StateActionArray, horizon: int
 ) -> Float[np.ndarray, "time state action"]:
-    """Return the probability of (s, a) at each time."""
+    """Return the probability of (s, a) at each time.
+
+    Args:
+        mdp: The world; its initial distribution is that of time 0.
+        policy: π(a|s), the same at each time.
+        horizon: Number of times.
+
+    Returns:
+        The probabilities, (time, state, action). Those of one time sum to the probability that the
+        episode lasts until then.
+
+    Raises:
+        UserError: If the policy is not a distribution over the actions of this MDP.
+    """
     check_policy(mdp, policy)
-    times, running = [], mdp.initial
+    times = []
+    running = mdp.initial
     for _ in range(horizon):
         times.append(running[:, None] * policy)
         running = mdp.arrivals(times[-1])

@@ -41,7 +41,8 @@ class Support:
     """
 
     def __init__(self, problem: Problem, entry: StateArray | None = None) -> None:
-        mdp, demonstrated = problem.mdp, problem.support
+        mdp = problem.mdp
+        demonstrated = problem.support
         self.problem = problem
         self.pairs = np.flatnonzero(demonstrated.ravel())
         self.states = np.flatnonzero(demonstrated.any(axis=1))
@@ -66,7 +67,15 @@ class Support:
         return 2.0 * (problem.chi2_coefficient * reward + pulled) - 1.0
 
     def at(self, q: Vector, temperature: float) -> Point:
-        """Return the objective and its parts."""
+        """Return the objective and its parts.
+
+        Args:
+            q: Q of each pair.
+            temperature: τ of the soft value and of the policy, in units of reward.
+
+        Returns:
+            The point; V has one entry for each demonstrated state.
+        """
         problem = self.problem
         highest = np.maximum.reduceat(q, self.first)
         powers = np.exp((q - highest[self.state]) / temperature)
@@ -85,14 +94,30 @@ class Support:
         return means
 
     def occupancy(self, pi: Vector, averages: Float[np.ndarray, "state pair"]) -> Vector:
-        """Return ρ_π on the support."""
+        """Return ρ_π on the support.
+
+        Args:
+            pi: π(a|s) of each pair.
+            averages: Π of the same policy, the result of `averages`.
+
+        Returns:
+            ρ_π(s, a) of each pair, for episodes that enter the states by the weights `entry`.
+        """
         chain = np.eye(len(self.states)) - self.problem.discount * (averages @ self.flow)
         return np.linalg.solve(chain.T, self.entry)[self.state] * pi
 
     def follow(self, solve: Solve, start: StateActionArray | None) -> Point:
         """Solve at the problem's temperature, starting from the demonstrators' policy at 1 or more.
 
-        V and the policy are kept between successive temperatures. A start skips this continuation.
+        V and the policy are kept between successive temperatures.
+
+        Args:
+            solve: Solver of one temperature.
+            start: Q of a similar problem, (state, action), which skips the higher temperatures;
+                None begins with the demonstrators' policy.
+
+        Returns:
+            The solution at the problem's temperature.
         """
         final = self.problem.temperature
         if start is not None:
@@ -103,11 +128,20 @@ class Support:
             point = solve(q, temperature, _ON_THE_WAY * self.scale)
             cooler = max(final, _SHRINK * temperature)
             highest = point.v[self.state]
-            q, temperature = highest + cooler / temperature * (point.q - highest), cooler
+            q = highest + cooler / temperature * (point.q - highest)
+            temperature = cooler
         return solve(q, final, _TOLERANCE * self.scale)
 
     def table(self, values: Vector, elsewhere: float) -> StateActionArray:
-        """Return a vector over pairs as a table over all states and actions."""
+        """Return a vector over pairs as a table over all states and actions.
+
+        Args:
+            values: A number for each pair.
+            elsewhere: The number of all pairs that are not demonstrated.
+
+        Returns:
+            The table, (state, action).
+        """
         mdp = self.problem.mdp
         full = np.full(mdp.n_states * mdp.n_actions, elsewhere)
         full[self.pairs] = values
@@ -146,15 +180,23 @@ def minimise(
 
     Only demonstrated actions are included: elsewhere the objective decreases without bound with Q.
     States without any are never reached, because demonstrated actions lead to demonstrated states
-    only. The minimum is tracked from a temperature of 1 or more down to that of the problem, from
-    the Q of a similar problem on the same support if there is one. `entry` is the weight of V(s) in
-    term 2, by default (1 - γ) p_0: for a mixture with replay.
+    only. The minimum is tracked from a temperature of 1 or more down to that of the problem.
+
+    Args:
+        problem: The objective, with its exact measures.
+        start: Q of a similar problem on the same support, from which the search begins at the
+            problem's temperature; None begins with the demonstrators' policy.
+        entry: Weight of V(s) in term 2, for a mixture with replay; None is (1 - γ) p_0.
+
+    Returns:
+        The minimum, with its policy, its occupancy and the accuracy that was reached.
 
     Raises:
         UserError: If Newton's method doesn't converge.
     """
     support = Support(problem, entry)
-    steps, residual = 0, np.inf
+    steps = 0
+    residual = np.inf
 
     def solve(q: Vector, temperature: float, tolerance: float) -> Point:
         nonlocal steps, residual
@@ -186,7 +228,9 @@ def _newton(
     The second derivative of V(s) is weighted by the policy's occupancy of s. At the minimum that is
     its true weight; elsewhere the true weight may be negative, and the step would go uphill.
     """
-    problem, point, residual = support.problem, support.at(q, temperature), np.inf
+    problem = support.problem
+    point = support.at(q, temperature)
+    residual = np.inf
     for step in range(_MAX_STEPS):
         averages = support.averages(point.pi)
         occupancy = support.occupancy(point.pi, averages)

@@ -78,10 +78,17 @@ class Problem:
         """Return -E_E[r̂] + (1 - γ) E_p0[V] + c E_E[r̂²] + w E_E[(r̂ - λ T̄)²] (Eq 4.5).
 
         The square is that of the mean r̂ of (s, a). With random transitions, rows of a data
-        set have the mean of squares, which is larger by γ² Var[V(s')] (docs/theory.md). Q is read
-        on the support only; V is the soft value of the demonstrated actions' Q.
+        set have the mean of squares, which is larger by γ² Var[V(s')] (docs/theory.md).
+
+        Args:
+            q: Q(s, a), read on the support only.
+            v: V(s), the soft value of the demonstrated actions' Q.
+
+        Returns:
+            The loss, with the scale of ρ_E.
         """
-        support, weight = self.support, self.demonstrated
+        support = self.support
+        weight = self.demonstrated
         reward = bellman_reward(self.mdp, q, v, self.discount)[support]
         gap = reward - self.strength * self.target[support]
         quadratics = self.chi2_coefficient * reward**2 + self.prior_weight * gap**2
@@ -97,6 +104,14 @@ def entry_mass(mdp: TabularMDP, occupancy: StateActionArray, discount: float) ->
     """Return Σ_a ρ(s, a) - γ Σ P(s | s', a') ρ(s', a'), the mass that starts in s.
 
     For an occupancy it is (1 - γ) p_0(s) times the occupancy's scale.
+
+    Args:
+        mdp: The MDP.
+        occupancy: ρ(s, a), of any scale.
+        discount: γ.
+
+    Returns:
+        The mass of each state, at least 0 up to rounding if ρ is an occupancy.
     """
     return occupancy.sum(axis=1) - discount * mdp.arrivals(occupancy)
 
@@ -132,6 +147,15 @@ def shaped(
     """Return T + γ E Φ(s') - Φ(s), with Φ = 0 after an end (Ng et al. 1999): shaping of a target.
 
     It changes no minimum.
+
+    Args:
+        mdp: The MDP.
+        target: T(s, a), in units of reward.
+        potential: Φ(s), in units of reward.
+        discount: γ.
+
+    Returns:
+        The shaped target of each (state, action).
     """
     return target + discount * mdp.expected_next(potential) - potential[:, None]
 
@@ -141,8 +165,16 @@ def orthogonal(
 ) -> Orthogonal:
     """Return the shaping of a target of least norm, by least squares with weights ρ_E.
 
-    ρ_E T_⊥ then satisfies the homogeneous flow equations: occupancies can move along it. The target
-    is read on the support only.
+    ρ_E T_⊥ then satisfies the homogeneous flow equations: occupancies can move along it.
+
+    Args:
+        mdp: The MDP.
+        demonstrated: ρ_E(s, a), of any scale.
+        target: T̄(s, a), read on the support only.
+        discount: γ.
+
+    Returns:
+        T_⊥, the potential that leads to it, and the norm of T_⊥.
     """
     support = demonstrated_pairs(demonstrated)
     pairs = np.flatnonzero(support.ravel())
@@ -155,7 +187,9 @@ def orthogonal(
     left = goal - steps @ solution
     # Pure shaping leaves rounding errors, which would give flips at λ of 1e14.
     left[np.abs(left) <= _ROUNDING * np.abs(goal).max(initial=0.0)] = 0.0
-    table, potential = np.zeros(target.size), np.zeros(mdp.n_states)
-    table[pairs], potential[states] = left, solution
+    table = np.zeros(target.size)
+    potential = np.zeros(mdp.n_states)
+    table[pairs] = left
+    potential[states] = solution
     norm = float(np.sqrt((root * left) @ (root * left)))
     return Orthogonal(table.reshape(target.shape), potential, norm)

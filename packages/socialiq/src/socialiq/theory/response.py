@@ -40,7 +40,15 @@ def target_slope(problem: Problem) -> float:
 
 
 def reach(level: StateActionArray, slope: StateActionArray) -> float:
-    """Return the λ at which the first positive level falls to 0: the lines are exact up to it."""
+    """Return the λ at which the first positive level falls to 0: the lines are exact up to it.
+
+    Args:
+        level: Occupancy or share of each (state, action) at λ = 0.
+        slope: Its derivative by λ.
+
+    Returns:
+        λ; infinite if no positive level falls.
+    """
     falling = (level > 0.0) & (slope < 0.0)
     return float((level[falling] / -slope[falling]).min(initial=np.inf))
 
@@ -48,10 +56,15 @@ def reach(level: StateActionArray, slope: StateActionArray) -> float:
 def flips(level: StateActionArray, slope: StateActionArray) -> list[Flip]:
     """Return the first change of the greedy action of each state with two demonstrated actions.
 
-    λ_flip = [level(a1) - level(a2)] / [slope(a2) - slope(a1)], the least over a2, in ascending
-    order. It is exact where it is within `reach`, and an extrapolation beyond. `level` is ρ_E(s,
-    a), or the demonstrators' shares of actions, 0 where not demonstrated, and `slope` its
-    derivative by λ.
+    λ_flip = [level(a1) - level(a2)] / [slope(a2) - slope(a1)], the least over a2. It is exact where
+    it is within `reach`, and an extrapolation beyond.
+
+    Args:
+        level: ρ_E(s, a), or the demonstrators' shares of actions; 0 where not demonstrated.
+        slope: Derivative of the level by λ.
+
+    Returns:
+        One flip for each state with two or more demonstrated actions, by ascending λ.
     """
     flips = []
     for state in np.flatnonzero((level > 0.0).sum(axis=1) > 1):
@@ -75,6 +88,14 @@ def extinction(
     A mode that is no worse than the mean keeps a positive probability (infinite λ_k). With three
     modes or more the formula holds until the first mode has probability 0.
 
+    Args:
+        shares: p_k, the share of each mode among the demonstrations.
+        targets: T_k, the target of each mode, in units of reward.
+        prior_weight: w of Eq 4.5.
+
+    Returns:
+        λ_k of each mode.
+
     Raises:
         UserError: If the shares are not a distribution.
     """
@@ -94,15 +115,24 @@ QSolver = Callable[[Problem, StateActionArray | None], StateActionArray]
 def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> list[Flip]:
     """Return the least λ at which each state's greedy action differs from that at λ = 0.
 
-    The first step of `strengths`, which rise, with another action is bisected to a relative width
-    of 0.001. A flip and its reversal within one step are not detected. There is a flip for each
-    state with two or more demonstrated actions, in ascending order, infinite if no change is found.
+    The first step of `strengths` with another action is bisected to a relative width of 0.001. A
+    flip and its reversal within one step are not detected.
+
+    Args:
+        problem: The problem; its own strength is not used.
+        solve: Solver that returns the table Q of a problem.
+        strengths: Values of λ that rise, the ends of the steps that are searched from λ = 0 on.
+
+    Returns:
+        A flip for each state with two or more demonstrated actions, by ascending λ; infinite if no
+        change is found.
     """
 
     def q_at(strength: float, start: StateActionArray | None) -> StateActionArray:
         return solve(dataclasses.replace(problem, strength=strength), start)
 
-    low, q = 0.0, q_at(0.0, None)
+    low = 0.0
+    q = q_at(0.0, None)
     lead = q.argmax(axis=1)
     waiting = [int(s) for s in np.flatnonzero(problem.support.sum(axis=1) > 1)]
     flips: list[Flip] = []
@@ -118,15 +148,24 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
 
             strength, table = _halved(q_at, before, (low, q), (high, after))
             flips.append(Flip(state, int(lead[state]), int(table[state].argmax()), strength))
-        low, q = high, after
+        low = high
+        q = after
     flips += [Flip(state, int(lead[state]), int(lead[state]), np.inf) for state in waiting]
     return sorted(flips, key=lambda flip: flip.strength)
 
 
 def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> float:
-    """Return the least λ at which any greedy action differs from that at λ = 0, infinite if none.
+    """Return the least λ at which any greedy action differs from that at λ = 0.
 
-    This is the least strength of `found_flips`, without bisecting the others.
+    This is the least strength of `found_flips`, found without bisecting for any other state.
+
+    Args:
+        problem: The problem; its own strength is not used.
+        solve: Solver that returns the table Q of a problem.
+        strengths: Values of λ that rise, the ends of the steps that are searched from λ = 0 on.
+
+    Returns:
+        λ, to a relative width of 0.001; infinite if no change is found.
     """
 
     def q_at(strength: float, start: StateActionArray | None) -> StateActionArray:

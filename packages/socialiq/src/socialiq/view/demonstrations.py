@@ -17,9 +17,9 @@ from socialiq.foreign import one_line
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending
 from socialiq.view import View
+from socialiq.worlds.grammar import road_of
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE, Options
-from socialiq.worlds.intersection.world import Intersection
 
 MOST_SEED = 2**53
 """Seeds from here on are no whole numbers of the page's program."""
@@ -42,7 +42,7 @@ class Replay:
                 f"{path} holds drivers of a recorded road, not of the intersection: name the "
                 "recording itself to see them"
             )
-        world = Intersection(Options())
+        world = road_of()
         ego = table.observation[:, : len(FEATURES)].astype(np.float64)
         fits = table.n_features in (world.n_features, world.n_features + 1)
         fits = fits and table.n_actions == world.n_actions
@@ -68,7 +68,7 @@ class Replay:
         complete = steps.tolist() == list(range(len(steps)))
         # The last scene is what the last decision led to.
         observations = np.concatenate([table.observation[rows], table.next_observation[rows][-1:]])
-        features = Intersection(Options()).n_features
+        features = road_of().n_features
         return {
             "mode": one_line(table.mode_names[table.mode[rows][0]], 60),
             "seed": self._seeds[number] if complete and self._seeds else None,
@@ -82,7 +82,8 @@ class Replay:
 
     def modes(self) -> list[dict[str, Any]]:
         """Return means of the episodes of each mode, rewards with a normal 95 % interval."""
-        table, modes = self._table, []
+        table = self._table
+        modes = []
         env, social = self._sums()
         last = table.ending[np.array(self._starts[1:]) - 1]
         for number, name in enumerate(table.mode_names):
@@ -145,9 +146,15 @@ def demonstrations_view(path: Path) -> View:
 def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
     """Return the seed of each episode by the provenance of a file, or None if it does not say.
 
-    It says `seeds`, or `first_seed` and `episodes`.
+    Args:
+        source: Provenance of the file, with a list `seeds`, or with `first_seed` and `episodes`.
+        episodes: Number of episodes in the file.
+
+    Returns:
+        One seed for each episode; None if the number of seeds differs or a seed is out of range.
     """
-    seeds, first = source.get("seeds"), source.get("first_seed")
+    seeds = source.get("seeds")
+    first = source.get("first_seed")
     if type(first) is int and source.get("episodes") == episodes:
         seeds = list(range(first, first + episodes))
     if not isinstance(seeds, list) or len(seeds) != episodes:
@@ -157,7 +164,8 @@ def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
 
 def _mean(values: np.ndarray) -> list[float]:
     """Return a mean and its normal 95 % interval; that of one value is the value."""
-    mean, half = float(values.mean()), 0.0
+    mean = float(values.mean())
+    half = 0.0
     if len(values) > 1:
         half = NormalDist().inv_cdf(0.975) * float(values.std(ddof=1)) / len(values) ** 0.5
     return [mean, mean - half, mean + half]
@@ -172,13 +180,20 @@ _FAR = 1e6
 def scenes_of(
     observations: Float32[np.ndarray, "time feature"], seconds: float
 ) -> list[list[list[float | int]]]:
-    """Return the vehicles of the ego's observations, so many seconds apart; a clock is ignored.
+    """Return the vehicles in the ego's observations of one episode, by time.
 
-    By time, there is a row for each vehicle, the ego first: x, y in m, heading in rad, speed in
-    m/s, and a number that the same vehicle keeps.
+    Args:
+        observations: Observations as the policy takes them; a clock, if there is one, is ignored.
+        seconds: Time between two observations, s.
+
+    Returns:
+        For each observation a list of vehicles, the ego first: x, y in m, heading in rad, speed in
+        m/s, and a number that the same vehicle keeps.
     """
     rows = len(FEATURES) * (observations.shape[1] // len(FEATURES))
-    before, names, scenes = np.empty((0, 7)), np.empty(0, int), []
+    before = np.empty((0, 7))
+    names = np.empty(0, int)
+    scenes = []
     next_name = 0
     for rows_of_scene in observations[:, :rows].reshape(len(observations), -1, len(FEATURES)):
         now = rows_of_scene[rows_of_scene[:, 0] > 0].astype(np.float64)
@@ -188,10 +203,12 @@ def scenes_of(
         next_name += len(new)
         scene = []
         for (_, x, y, vx, vy, cosine, sine), name in zip(now.tolist(), numbers, strict=True):
-            heading, speed = float(np.arctan2(sine, cosine)), float(np.hypot(vx, vy)) * SPEED_RANGE
+            heading = float(np.arctan2(sine, cosine))
+            speed = float(np.hypot(vx, vy)) * SPEED_RANGE
             scene.append([x * POSITION_RANGE, y * POSITION_RANGE, heading, speed, int(name)])
         scenes.append(scene)
-        before, names = now, numbers
+        before = now
+        names = numbers
     return scenes
 
 

@@ -20,9 +20,9 @@ from socialiq.types import Ending, Policy
 from socialiq.view import View
 from socialiq.worlds.enumerate import GridBatch
 from socialiq.worlds.highway import render, shapes
-from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
+from socialiq.worlds.highway.network import LANE_WIDTH
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.core.people import LENGTH, RADIUS
 from socialiq.worlds.registry import open_world
 from socialiq.worlds.world import World
 
@@ -54,7 +54,7 @@ EGO = -1
 
 @runtime_checkable
 class Placed(Protocol):
-    """Batch of a road of its own, which says where its users are after a decision."""
+    """Batch of a road that this page drives, which says where its users are after a decision."""
 
     def places(self) -> Iterator[tuple[int, tuple[float, ...]]]:
         """Yield the identity and the values of a `Place` of each road user of the first row."""
@@ -79,7 +79,7 @@ def driven_view(spec: str, name: str, angle: float | None, trust: Trust) -> View
     A dial drives at the angle in degrees, by default `FIRST_ANGLE`.
 
     Raises:
-        UserError: If the world is unknown or the policy is of another one, or is no dial.
+        UserError: If the world is unknown, or the policy belongs to another one or is no dial.
     """
     world: Any = open_world(name)
     batch = GridBatch(world.table(), 1) if world.is_exact else world.batch(1, traced=True)
@@ -118,9 +118,12 @@ def driven_view(spec: str, name: str, angle: float | None, trust: Trust) -> View
 
 def _as_traffic(episodes: list[Episode]) -> tuple[list[list[Any]], dict[str, Any]]:
     """Return the frames of all episodes, one after another, and what the page knows of them."""
-    frames, users, drivers = list[list[Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
+    frames = list[list[Any]]()
+    users = list[dict[str, Any]]()
+    drivers = list[dict[str, Any]]()
     for seed, episode in enumerate(episodes, 1):
-        per, first = len(episode.frames) // len(episode.rewards), len(frames)
+        per = len(episode.frames) // len(episode.rewards)
+        first = len(frames)
         tracks = dict[int, int]()
         for frame in episode.frames:
             for identity, place in frame.items():
@@ -140,7 +143,10 @@ def _as_traffic(episodes: list[Episode]) -> tuple[list[list[Any]], dict[str, Any
 
 def _driven(world: World, batch: Any, policy: Policy, seed: int) -> Episode:
     actor = actor_of(world, batch, Reference("policy", policy), True)
-    frames, states, rewards, ending = list[Frame](), list[int](), list[list[float]](), Ending.NONE
+    frames = list[Frame]()
+    states = list[int]()
+    rewards = list[list[float]]()
+    ending = Ending.NONE
     for step in simulate(batch, actor, np.array([seed])):
         rewards.append([round(float(reward[0]), 4) for reward in step.made.rewards])
         ending = Ending(int(step.made.ending[0]))
@@ -168,9 +174,8 @@ def _of_scene(scene: render.Scene) -> Frame:
         for slot, record in enumerate(scene.vehicles)
     }
     for person in scene.people:
-        wide, long = 2 * RADIUS[person["lane"]], LENGTH[person["lane"]]
-        place = _place(person)._replace(length=wide + long, width=wide)
-        frame[int(person["identity"])] = place
+        size = {name: float(person[name]) for name in ("length", "width")}
+        frame[int(person["identity"])] = _place(person)._replace(**size)
     return frame
 
 
@@ -183,7 +188,8 @@ def _lanes(world: Any, batch: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield both bounds of each lane, m to the east and north."""
     if world.is_exact:
         size = world.size
-        middle, ends = -CELL * (size // 2), CELL * np.array([-0.5, size - 0.5])
+        middle = -CELL * (size // 2)
+        ends = CELL * np.array([-0.5, size - 0.5])
         line = np.stack([ends, np.full(2, middle)], axis=1)
         yield from (shapes.edges(way, CELL) for way in (line, -line[:, ::-1]))
         return

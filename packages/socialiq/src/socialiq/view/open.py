@@ -28,28 +28,36 @@ from socialiq.types import Ending, Policy
 from socialiq.view import View
 from socialiq.view.demonstrations import demonstrations_view
 from socialiq.view.driven import FIRST_ANGLE, driven_view
+from socialiq.worlds.files import installed, loaded
+from socialiq.worlds.grammar import road_of
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import installed, loaded
 
 GROUP = "socialiq.views"
 _OF_RECORDINGS = "socialiq_recordings.view:recording_view"
 
 
 def opened(what: str, angle: float | None, trust: Trust, world: str = "intersection") -> View:
-    """Return a policy or a file as content of the page; the angle of a dial is in degrees.
+    """Return a policy or a file as content of the page.
 
-    It may be the folder of an audit, a file of demonstrations or of recorded traffic, or a policy
-    as `audit.request.resolve_policy` takes it. `trust` are the permissions of one that is code. In
-    another world than the intersection a policy's episodes are driven here and shown.
+    In another world than the intersection a policy's episodes are driven here and shown.
+
+    Args:
+        what: Folder of an audit, file of demonstrations or of recorded traffic, or a policy as
+            `audit.request.resolve_policy` takes it.
+        angle: Angle of a dial in degrees; None for the default, or for what has no angle.
+        trust: Permissions of a policy that is code.
+        world: World of a policy.
 
     Raises:
-        UserError: If it can't be read, is of another world, or an angle is given that has no use.
+        UserError: If it can't be read, belongs to another world, or an angle is given that has no
+            use.
     """
     path = shipped(Path(what))
     if world != "intersection":
         return driven_view(what, world, angle, trust)
-    kind, suffix, show = kind_of(path), path.suffix.lower(), None
+    kind = kind_of(path)
+    suffix = path.suffix.lower()
+    show = None
     no_dial = UserError(f"--angle is of a dial, which {one_line(what)} is not: leave it out")
     if path.is_dir():
         show = audit_view
@@ -83,15 +91,15 @@ def audit_view(folder: Path) -> View:
         UserError: If its report can't be read, or has no episode of the intersection.
     """
     report = read_report(folder / REPORT)
-    verdict, declared = report["verdict"], report["declaration"]
+    verdict = report["verdict"]
+    declared = report["declaration"]
     scenario = declared["scenario"]
     if scenario["world"] != "intersection":
         raise UserError(
             f"{folder} is an audit in {one_line(str(scenario['world']), 60)}: view replays those "
             "at the intersection; open its report.html"
         )
-    world = world_of(scenario["world"], scenario["options"])
-    assert isinstance(world, Intersection)
+    world: Any = world_of(scenario["world"], scenario["options"])
     endings = {"arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
     episodes = [
         {
@@ -150,8 +158,9 @@ class PolicyDecider:
     """
 
     def __init__(self, spec: str, angle: float, trust: Trust) -> None:
-        self._spec, self._trust = spec, trust
-        self._world = Intersection(Options())
+        self._spec = spec
+        self._trust = trust
+        self._world = road_of()
         self._open = contextlib.ExitStack()
         self._angle = angle
         self.loaded = self._load(angle)
@@ -183,7 +192,8 @@ class PolicyDecider:
             raise unknown
         if self.loaded.record.interface.n_features == n_features + 1:
             observations = np.column_stack([observations, times])
-        angle, degrees = question.get("angle"), self._angle
+        angle = question.get("angle")
+        degrees = self._angle
         if self.turns and angle is not None:
             if not isinstance(angle, int | float) or not 0 <= angle < 360:
                 raise UserError("the page asked for no angle: reload it")

@@ -38,7 +38,8 @@ class Guard:
     """An ASGI application that passes on what its own page asks, and refuses all else."""
 
     def __init__(self, app: App, port: int, token: str) -> None:
-        self._app, self._token = app, token
+        self._app = app
+        self._token = token
         self._host = f"{ADDRESS}:{port}"
         self._origin = f"http://{self._host}"
 
@@ -218,7 +219,8 @@ class _Conversation:
     """Questions of one tab and their answers, in order; a second tab is told so."""
 
     def __init__(self, decide: Decide) -> None:
-        self._decide, self._held = decide, False
+        self._decide = decide
+        self._held = False
 
     async def hold(self, tab: Any) -> None:
         """Answer a tab until it is closed."""
@@ -263,7 +265,8 @@ def serve(view: View | None, port: int, opened: Callable[[str], None]) -> None:
     """
     check_extra()
     uvicorn = optional("uvicorn", "web", "view")
-    token, listening = secrets.token_urlsafe(TOKEN_BYTES), bound(port)
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    listening = bound(port)
     with listening:
         number = listening.getsockname()[1]
         base = optional("uvicorn.protocols.http.h11_impl", "web", "view").H11Protocol

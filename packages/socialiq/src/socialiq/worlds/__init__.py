@@ -3,8 +3,6 @@
 Here are their Gymnasium ids; the environments load when they are made.
 """
 
-from typing import Any
-
 import gymnasium
 
 from socialiq.worlds.highway.scenes import SCENES
@@ -16,35 +14,16 @@ IDS = {
     "intersection": "socialiq/Intersection-v1",
 }
 
-CONTINUOUS: dict[str, dict[str, Any]] = {
-    "intersection-continuous": {"actions": "continuous"},
-    "intersection-continuous-steering": {"actions": "continuous_steering"},
-    "intersection-continuous-steering-offroad": {
-        "actions": "continuous_steering",
-        "offroad_terminal": True,
-    },
-}
-"""The intersection with continuous actions by the name of the world: the options it stands for."""
-
-CONTINUOUS_IDS = {
+OLD_IDS = {
     "intersection-continuous": "socialiq/IntersectionContinuous-v1",
     "intersection-continuous-steering": "socialiq/IntersectionContinuousSteering-v1",
     "intersection-continuous-steering-offroad": "socialiq/IntersectionContinuousSteeringOffroad-v1",
+    "intersection-crosswalk": "socialiq/IntersectionCrosswalk-v1",
 }
+"""Gymnasium ids that spell options, by the name of 0.3.0."""
 
-WALKED_IDS = {"intersection-crosswalk": "socialiq/IntersectionCrosswalk-v1"}
-"""The intersection with people on foot, by the name of the world."""
-
-NAMED = IDS | CONTINUOUS_IDS | WALKED_IDS
-"""Gymnasium id of each world that commands name."""
-
-SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SCENES}
-"""Other roads of highway-env, by the name of the scene."""
-
-
-def scene_named(name: str) -> str | None:
-    """Return the scene of a world's name or Gymnasium id; None if it is another world's."""
-    return next((scene for scene, identity in SCENE_IDS.items() if name in (scene, identity)), None)
+SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in (*SCENES, "road")}
+"""Other roads of highway-env and generated roads, by the name of the scene."""
 
 
 SUMO_IDS = {"sumo": "socialiq/Sumo-v1", "sumo-row": "socialiq/SumoRow-v1"}
@@ -53,11 +32,9 @@ SUMO_IDS = {"sumo": "socialiq/Sumo-v1", "sumo-row": "socialiq/SumoRow-v1"}
 SUMO_NET = ".net.xml"
 """Ending of the file of a network of SUMO, which names a world too."""
 
-
-def in_sumo(name: str) -> bool:
-    """Whether a world's name or Gymnasium id is that of one in SUMO, or of a network."""
-    return name in (*SUMO_IDS, *SUMO_IDS.values()) or name.endswith(SUMO_NET)
-
+_ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
+ENVIRONMENT_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
+"""A Gymnasium id, MODULE:ID or MODULE:FUNCTION; MODULE may be the path of a file."""
 
 UNSEEN = "in SUMO policies observe vehicles and bicycles, and no pedestrians"
 """Line of commands in a world in SUMO."""
@@ -69,19 +46,18 @@ WORLD_FILE = "recorded-world"
 """Kind of such a file."""
 
 _GRID = "socialiq.worlds.gym:GridWorldEnv"
-_ROAD, _ROADS = "socialiq.worlds.gym:RoadEnv", "socialiq.worlds.gym:RoadVectorEnv"
+_ROAD = "socialiq.worlds.gym:RoadEnv"
+_ROADS = "socialiq.worlds.gym:RoadVectorEnv"
 _SUMO = "socialiq.worlds.sumo.gym:SumoEnv"
 _RECORDED = "socialiq_recordings.world.gym:RecordedJunctionEnv"
 
 
 def register() -> None:
     """Register every world with Gymnasium. Importing `socialiq` calls this function."""
-    roads = {IDS["intersection"]: {}}
-    roads |= {name: CONTINUOUS[world] for world, name in CONTINUOUS_IDS.items()}
-    roads |= {name: {"scene": scene} for scene, name in (SCENE_IDS | WALKED_IDS).items()}
-    for name, options in roads.items():
+    roads = {"intersection": IDS["intersection"]} | SCENE_IDS | OLD_IDS
+    for scene, name in roads.items():
         if name not in gymnasium.registry:
-            gymnasium.register(name, _ROAD, vector_entry_point=_ROADS, kwargs=options)
+            gymnasium.register(name, _ROAD, vector_entry_point=_ROADS, kwargs={"scene": scene})
     for world in ("crossing5", "crossing7", "crosswalk7"):
         if IDS[world] not in gymnasium.registry:
             gymnasium.register(IDS[world], _GRID, kwargs={"world": world})

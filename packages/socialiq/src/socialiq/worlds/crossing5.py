@@ -1,6 +1,6 @@
 """crossing5, the deterministic 5x5 proof of concept (thesis 5.1.1).
 
-The ego goes or waits; the other road user drives on unless blocked.
+The ego goes or waits; another road user drives on unless blocked.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,8 @@ class Options:
     arrival: Literal["added", "override"] = "added"
 
 
-WAIT, GO = 0, 1
+WAIT = 0
+GO = 1
 LAST = 4  # the far edge of the grid, where a road user has arrived
 CONFLICT = 2  # both roads cross in cell (2, 2)
 HORIZON = 20
@@ -45,12 +46,13 @@ SOCIAL_WEIGHTS = {"other_step": -1.0, "other_arrival": 10.0}
 def _step(options: Options, state: Any, action: Any, _chance: Any) -> Outcome:
     """Move both road users at once (thesis 5.1.1).
 
-    The other holds for this step if its advance would put it into the conflict cell together with
-    the ego's new position, so there are no collisions. The signals are 0 or 1: under way and
-    arrived, for ego and other. `step` stops once the ego has arrived, which matters only if the
-    episode continues after that.
+    The vehicle on the crossing road holds for this step if its advance would put it into the
+    conflict cell together with the ego's new position, so there are no collisions. The signals are
+    0 or 1: under way and arrived, for each of both road users. `step` stops once the ego has
+    arrived, which matters only if the episode continues after that.
     """
-    ego, other = state[0], state[3]
+    ego = state[0]
+    other = state[3]
     ego_after = jnp.minimum(ego + jnp.where(action == GO, 1, 0), LAST)
     advanced = jnp.minimum(other + 1, LAST)
     blocked = (advanced == CONFLICT) & (ego_after == CONFLICT)
@@ -60,11 +62,13 @@ def _step(options: Options, state: Any, action: Any, _chance: Any) -> Outcome:
         "both_arrived": (ego_after == LAST) & (other_after == LAST),
         "time_limit": jnp.zeros_like(blocked),
     }[options.ends_on]
-    under_way, other_under_way = ego < LAST, other < LAST
+    under_way = ego < LAST
+    other_under_way = other < LAST
     arrival = under_way & (ego_after == LAST)
     other_arrival = other_under_way & (other_after == LAST)
     if options.arrival == "override":
-        under_way, other_under_way = under_way & ~arrival, other_under_way & ~other_arrival
+        under_way = under_way & ~arrival
+        other_under_way = other_under_way & ~other_arrival
     if options.social_cost == "always":
         other_under_way = jnp.ones_like(other_under_way)
     flags = {"step": under_way, "arrival": arrival}
@@ -78,7 +82,7 @@ def _step(options: Options, state: Any, action: Any, _chance: Any) -> Outcome:
 
 
 def places(state: Sequence[int]) -> list[Place]:
-    """Return the places of the ego and of the other road user."""
+    """Return the places of the ego and of the vehicle on the crossing road."""
     x_ego, y_ego, x_other, y_other = (int(value) for value in state)
     return [Place(0, x_ego, y_ego, 0), Place(1, x_other, y_other, 90)]
 

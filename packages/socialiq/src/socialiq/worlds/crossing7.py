@@ -57,7 +57,9 @@ class Options:
     slow_yield: Literal["half", "full"] = "half"
 
 
-STOP, SLOW, FAST = 0, 1, 2
+STOP = 0
+SLOW = 1
+FAST = 2
 LAST = 6  # the ego has arrived in the eastern column; a vehicle beyond the northern row has left
 CONFLICT = 3  # both roads cross in cell (3, 3)
 ABSENT = -1  # position of an empty slot
@@ -81,8 +83,19 @@ def step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
     A collision, in which the ego and a vehicle occupy the conflict cell in the same step, precedes
     an arrival. It is impossible with `braking="at_once"`. With `arrival="override"` speed and step
     are 0 at a terminal step.
+
+    Args:
+        options: Options of the world.
+        state: Values of the features: the ego's cell and speed, then position and speed of each
+            slot.
+        action: The ego's speed in this step: STOP, SLOW or FAST, cells a step.
+        chance: 1: a vehicle spawns if the second slot is free; 0: none does.
+
+    Returns:
+        The next state, the ending, the signals and the ego's speed.
     """
-    ego, ego_after = state[0], jnp.minimum(state[0] + action, LAST)
+    ego = state[0]
+    ego_after = jnp.minimum(state[0] + action, LAST)
     ego_in_conflict = _occupies_conflict(ego, ego_after, options)
     vehicles = (Vehicle(state[2], state[3]), Vehicle(state[4], state[5]))
     first, second = (_drive(vehicle, ego_in_conflict, options) for vehicle in vehicles)
@@ -195,7 +208,8 @@ def make(options: Options | None = None) -> GridWorld:
     if not 0.0 <= p <= 1.0:
         raise UserError(f"spawn_probability {p:g} is not a probability: choose one in [0, 1]")
     slots = [(Feature(f"y_{slot}", -1, 8), Feature(f"v_{slot}", 0, 3)) for slot in (1, 2)]
-    empty, filled = (0, STOP, 0, FAST, ABSENT, STOP), (0, STOP, 0, FAST, 0, FAST)
+    empty = 0, STOP, 0, FAST, ABSENT, STOP
+    filled = 0, STOP, 0, FAST, 0, FAST
     at_random = ((empty, 1.0 - p), (filled, p))
     return GridWorld(
         name="crossing7",

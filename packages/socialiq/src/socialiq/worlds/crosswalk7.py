@@ -42,7 +42,7 @@ VULNERABLE_WEIGHTS = {"pedestrian_delay": -0.5, "pedestrian_hit": -10.0}
 
 
 def _step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
-    """Move the ego and the vehicles as in crossing7, and the pedestrian beside them.
+    """Move the ego and the vehicles as in crossing7, and a pedestrian.
 
     The last feature is 0 without a pedestrian, else one more than the steps of waiting so far, at
     most `LONGEST`. A pedestrian walks if the ego is beyond the crosswalk, stands before it, or is
@@ -52,8 +52,12 @@ def _step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
     the ego causes: without it everyone walks at once.
     """
     road = crossing7.step(options, state[:-1], action, chance % 2)
-    arrives, insists = chance // 2 % 2 == 1, chance // 4 == 1
-    before, speed, waited, after = state[0], state[1], state[-1], road.state[0]
+    arrives = chance // 2 % 2 == 1
+    insists = chance // 4 == 1
+    before = state[0]
+    speed = state[1]
+    waited = state[-1]
+    after = road.state[0]
     present = waited > 0
     free = (before > CROSSWALK) | ((before < CROSSWALK) & (speed == STOP))
     free |= (CROSSWALK - before >= FAR) & (speed <= SLOW)
@@ -92,7 +96,8 @@ def make(options: Options | None = None) -> GridWorld:
         p = getattr(chosen, name)
         if not 0.0 <= p <= 1.0:
             raise UserError(f"{name} {p:g} is not a probability: choose one in [0, 1]")
-    walk, insist = chosen.pedestrian_probability, chosen.impatience
+    walk = chosen.pedestrian_probability
+    insist = chosen.impatience
     chances = product((1.0 - insist, insist), (1.0 - walk, walk), road.chance)
     return GridWorld(
         name="crosswalk7",

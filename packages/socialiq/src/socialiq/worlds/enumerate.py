@@ -1,28 +1,24 @@
-"""Exact transition table of a gridworld, episodes in it, tabular policies and exact experts."""
+"""Exact transition table of a gridworld, and episodes in it."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, lru_cache
-from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, Int64
 
 from socialiq.errors import UserError
 from socialiq.foreign import Later
-from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.mdp.tabular import TabularMDP
-from socialiq.nn.saved import Arrays, Header, Saved
-from socialiq.social.angle import score, weights
-from socialiq.types import Ending, Memoryless, RewardPair
-from socialiq.worlds import crossing5, crossing7
-from socialiq.worlds.grid_world import GridWorld, Outcome
+from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.world import observed_with_time, rows_of
+
+if TYPE_CHECKING:
+    from socialiq.worlds.grid_world import GridWorld, Outcome
 
 jax: Any = Later("jax")
 jnp: Any = Later("jax.numpy")
@@ -43,7 +39,12 @@ class Table:
     def observe(
         self, state: Int[np.ndarray, " row"], time: Int[np.ndarray, " row"]
     ) -> Float32[np.ndarray, "row feature"]:
-        """Return the observations of the states with these indices at these times."""
+        """Return the observations of states.
+
+        Args:
+            state: Index of each state in this table.
+            time: Steps since the start; it is observed only if the world has a clock.
+        """
         features = self.states[state]
         observed = np.column_stack([features, time]) if self.world.clock else features
         return observed.astype(np.float32)
@@ -68,7 +69,8 @@ def tabulate(world: GridWorld) -> Table:
     """
     if not hasattr(world, "chance"):
         raise UserError(f"{type(world).__name__} is no gridworld: make one by make('crossing7')")
-    states, outcome = world.states(), _outcomes(world)
+    states = world.states()
+    outcome = _outcomes(world)
     chance = np.asarray(world.chance, np.float64)
 
     def expected(values: Any) -> Float[np.ndarray, "state action"]:
@@ -95,11 +97,15 @@ def tabulate(world: GridWorld) -> Table:
 def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float, float]:
     """Return the smallest and the largest weighted sum of an episode's rewards, exactly.
 
-    By dynamic programming over all actions and all possible chance outcomes: limits of every
-    driver's every episode, and each is reached in some episode. The weights are of r_env and
-    r_social.
+    The limits hold for every episode of every driver, and each is reached in some episode. They are
+    computed by dynamic programming over all actions and all possible chance outcomes.
+
+    Args:
+        world: World of the episodes.
+        weights: Weights of r_env and of r_social.
     """
-    outcome, possible = _outcomes(world), np.asarray(world.chance) > 0.0
+    outcome = _outcomes(world)
+    possible = np.asarray(world.chance) > 0.0
     signals = {name: np.asarray(values, np.float64) for name, values in outcome.signals.items()}
     rewards = world.rewards(signals)
     reward = (weights[0] * rewards.env + weights[1] * rewards.social)[..., possible]
@@ -117,7 +123,8 @@ def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float
 
 def _outcomes(world: GridWorld) -> Outcome:
     """Return the outcome of every state, action and chance outcome."""
-    actions, chances = jnp.arange(world.n_actions), jnp.arange(len(world.chance))
+    actions = jnp.arange(world.n_actions)
+    chances = jnp.arange(len(world.chance))
     return _all_outcomes(world.rules)(world.states(), actions, chances)
 
 
@@ -158,12 +165,15 @@ class GridBatch:
     """
 
     def __init__(self, table: Table, size: int, shared: np.random.Generator | None = None) -> None:
-        self.table, self.size, self._shared = table, size, shared
+        self.table = table
+        self.size = size
+        self._shared = shared
         self.state = np.zeros(size, np.int64)
         self._time = np.zeros(size, np.int64)
         self._fate = np.zeros((size, table.world.horizon + 1))
         self._waiting = np.ones(size, bool)
-        self._last_seeds, self._last_fate = np.zeros(0, np.int64), np.zeros((0, 1))
+        self._last_seeds = np.zeros(0, np.int64)
+        self._last_fate = np.zeros((0, 1))
 
     @property
     def observation(self) -> Int64[np.ndarray, " row"]:
@@ -180,8 +190,21 @@ class GridBatch:
         return observed_with_time(self.table.observe(self.state, self._time), self.time, policy)
 
     def reset(self, seeds: Any = None, rows: Any = None) -> Int64[np.ndarray, " row"]:
-        """Draw the first states of some rows, all by default, from a seed for each of these."""
-        chosen, initial = np.flatnonzero(rows_of(rows, self.size)), self.table.mdp.initial
+        """Draw the first states of some rows.
+
+        Args:
+            seeds: A seed for each of these rows. They are not used if the batch has a shared
+                generator.
+            rows: Rows, by numbers or as a mask; None: all.
+
+        Returns:
+            The index of the state of each row.
+
+        Raises:
+            UserError: If seeds are needed and missing.
+        """
+        chosen = np.flatnonzero(rows_of(rows, self.size))
+        initial = self.table.mdp.initial
         if self._shared is not None:
             self.state[chosen] = self._shared.choice(len(initial), size=len(chosen), p=initial)
         else:
@@ -195,28 +218,44 @@ class GridBatch:
                 self._last_seeds = seeds.copy()
             self._fate[chosen] = self._last_fate
             chances = np.broadcast_to(initial, (len(chosen), len(initial)))
-            self.state[chosen] = _drawn(chances, self._fate[chosen, 0])
-        self._time[chosen], self._waiting[chosen] = 0, False
+            self.state[chosen] = drawn_outcome(chances, self._fate[chosen, 0])
+        self._time[chosen] = 0
+        self._waiting[chosen] = False
         return self.observation
 
     def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> GridStep:
-        """Take a step in some rows, all by default; there is no `auto_reset`, for want of seeds."""
+        """Take a step in some rows.
+
+        Args:
+            actions: Number of an action for each row of the batch; those of rows that take no step
+                are not used.
+            auto_reset: Must be False: a reset needs seeds.
+            rows: Rows that take a step, by numbers or as a mask; None: all.
+
+        Returns:
+            Results of all rows; rewards and ending are 0 where no step was taken.
+        """
         assert not auto_reset
-        mdp, chosen = self.table.mdp, np.flatnonzero(rows_of(rows, self.size))
-        state, action = self.state[chosen], np.asarray(actions)[chosen]
+        mdp = self.table.mdp
+        chosen = np.flatnonzero(rows_of(rows, self.size))
+        state = self.state[chosen]
+        action = np.asarray(actions)[chosen]
         chances = mdp.probability[state, action]
         if self._shared is None:
-            outcome = _drawn(chances, self._fate[chosen, self._time[chosen] + 1])
+            outcome = drawn_outcome(chances, self._fate[chosen, self._time[chosen] + 1])
         else:
-            outcome = _drawn(chances, self._shared.random(len(chosen)))
-        after, ending = mdp.successor[state, action, outcome], mdp.ending[state, action, outcome]
+            outcome = drawn_outcome(chances, self._shared.random(len(chosen)))
+        after = mdp.successor[state, action, outcome]
+        ending = mdp.ending[state, action, outcome]
         self._time[chosen] += 1
         late = (ending == Ending.NONE) & (self._time[chosen] == self.table.world.horizon)
         ending = np.where(late, int(Ending.TIMEOUT), ending)
         self.state[chosen] = np.where(ending == Ending.NONE, after, state)
         self._waiting[chosen] = ending != Ending.NONE
-        reached, endings = self.observation, np.zeros(self.size, np.int64)
-        reached[chosen], endings[chosen] = after, ending
+        reached = self.observation
+        endings = np.zeros(self.size, np.int64)
+        reached[chosen] = after
+        endings[chosen] = ending
         pair = RewardPair(np.zeros(self.size), np.zeros(self.size))
         for side, reward in zip(pair, mdp.rewards, strict=True):
             side[chosen] = reward[state, action]
@@ -240,94 +279,9 @@ class GridBatch:
         return copies
 
 
-def _drawn(
+def drawn_outcome(
     chances: Float[np.ndarray, "row outcome"], uniform: Float[np.ndarray, " row"]
 ) -> Int64[np.ndarray, " row"]:
     """Return the outcome that a uniform number of each row stands for."""
     outcome = (uniform[:, None] >= chances.cumsum(axis=1)).sum(axis=1)
     return np.minimum(outcome, chances.shape[1] - 1)
-
-
-@dataclass(frozen=True)
-class TabularPolicy(Memoryless, Saved):
-    """Action probabilities by state, in the order of the world's state numbers."""
-
-    KIND = "table"
-
-    world: GridWorld  # of a saved table one of the registry with its default options
-    probabilities: Float[np.ndarray, "state action"]
-    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    sha256: str = ""  # of the file's content, for a table that was loaded
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        return self.world.n_features
-
-    @property
-    def n_actions(self) -> int:
-        """Number of actions."""
-        return self.world.n_actions
-
-    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Return the table and the header of the file: the world's name and description."""
-        header = {"world": self.world.name, "description": self.world.description}
-        return {"probabilities": self.probabilities}, header
-
-    @classmethod
-    def checked(cls, path: Path, arrays: Arrays, header: Header) -> TabularPolicy:
-        """Build a table from a file's content, as `Saved.checked`."""
-        name = header.get("world")
-        worlds = {"crossing5": crossing5.make, "crossing7": crossing7.make}
-        if not isinstance(name, str) or name not in worlds:
-            raise UserError(f"{path} is not for a world of {', '.join(worlds)}: make it again")
-        world = worlds[name]()
-        if header.get("description") != world.description:
-            raise UserError(f"{path} was made for other options of {name}: make it for the default")
-        chances = arrays.get("probabilities", np.zeros(0))
-        states = int(np.prod(world.shape))
-        if chances.shape != (states, world.n_actions) or chances.dtype != np.float64:
-            raise UserError(
-                f"{path} must hold float64 of {states} states and {world.n_actions} actions: make "
-                "it again"
-            )
-        if not ((chances >= 0.0).all() and np.allclose(chances.sum(axis=1), 1.0, atol=1e-9)):
-            raise UserError(f"{path} has a row that is not a distribution: make it again")
-        return cls(world, chances, sha256=header["sha256"])
-
-    def choose(self, observation: np.ndarray, deterministic: bool, /) -> np.ndarray:
-        """Choose actions: the most probable (the first of equals), or drawn from the table."""
-        batch = np.atleast_2d(np.rint(observation).astype(np.int64))
-        chances = self.probabilities[self.world.index(batch)]
-        actions = chances.argmax(axis=1) if deterministic else draw_actions(chances, self.rng)
-        return actions.reshape(np.shape(observation)[:-1])
-
-
-def draw_actions(
-    probabilities: Float[np.ndarray, "batch action"], rng: np.random.Generator
-) -> np.ndarray:
-    """Draw one action for each row of probabilities."""
-    return _drawn(probabilities, rng.random((len(probabilities), 1))[:, 0])
-
-
-Variant = Literal["deterministic", "stochastic"]
-
-
-def expert_policy(
-    table: Table, angle: float, variant: Variant = "deterministic", discount: float = 0.99
-) -> Float[np.ndarray, "state action"]:
-    """Return the greedy policy of value iteration on R(α) (Eq 4.3), one-hot.
-
-    Ties go to the first action within a relative 1e-12, and cos 90° keeps its float64 residue:
-    the 5x5 altruist of Fig 6.1 exists only because of both (docs/worlds/crossing5.md).
-
-    It solves the world itself, or the variant without spawns, as the thesis does before it rolls
-    the experts out in the stochastic world. Rewards don't depend on spawns. γ is of Table C.1.
-    """
-    mdp = table.mdp
-    if variant == "deterministic":  # the first chance outcome always occurs: no vehicle spawns
-        certain = np.zeros_like(mdp.probability)
-        certain[..., 0] = 1.0
-        mdp = dataclasses.replace(mdp, probability=certain)
-    reward = score(weights(angle), mdp.rewards)
-    return greedy_policy(value_iteration(mdp, reward, discount).q)

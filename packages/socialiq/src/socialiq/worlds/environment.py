@@ -15,27 +15,26 @@ from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.storage import kind_of
 from socialiq.types import ACTION_BOUNDS
 from socialiq.worlds import (
-    NAMED,
+    ENVIRONMENT_PATTERN,
+    IDS,
     RECORDED_JUNCTION,
     SCENE_IDS,
     SUMO_IDS,
     SUMO_NET,
     WORLD_FILE,
-    in_sumo,
     register,
     wrapper,
 )
+from socialiq.worlds.grammar import parse
 
-_ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
-NAME_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
-"""A Gymnasium id, MODULE:ID or MODULE:FUNCTION; MODULE may be the path of a file."""
-
-_BUILT_IN = NAMED | SCENE_IDS | SUMO_IDS
+_BUILT_IN = IDS | SCENE_IDS | SUMO_IDS
 
 
-def is_environment(name: str) -> bool:
-    """Whether a name denotes a scene, a world in SUMO, or an environment that is not built in."""
-    return name in SCENE_IDS or in_sumo(name) or re.fullmatch(NAME_PATTERN, name) is not None
+def is_environment(text: str) -> bool:
+    """Whether a text denotes a scene, a world in SUMO, or an environment that is not built in."""
+    written = parse(text)
+    is_id = re.fullmatch(ENVIRONMENT_PATTERN, written.name) is not None
+    return written.name in SCENE_IDS or written.in_sumo or is_id
 
 
 def make_environment(
@@ -48,14 +47,14 @@ def make_environment(
 ) -> gymnasium.Env[Any, Any]:
     """Make an environment that policies can drive in, with flat observations.
 
-    Actions are discrete, or where that is allowed float32 vectors in [-1, 1], which the bounds of
-    its own action space scale.
+    Actions are discrete, or where that is allowed float32 vectors in [-1, 1], which are scaled to
+    the bounds of the environment's action space.
 
     Args:
         name: A built-in world; a file of `socialiq data world`; a network of SUMO; a Gymnasium id;
             MODULE:ID, an id that the module registers; or MODULE:FUNCTION, a function (or class) of
             the module that returns an environment. MODULE is a name that Python can import, or the
-            path of a file that ends in .py.
+            path of a file that ends in .py. Options may follow, as in `worlds.grammar`.
         options: Keyword arguments of the environment or of the function.
         allow_code: Whether a module may be imported. Importing runs its author's code with the
             rights of the user.
@@ -65,9 +64,10 @@ def make_environment(
 
     Raises:
         UserError: If the name is unknown, its code may not run or fails, or its actions or
-            observations are of an unsupported kind.
+            observations are not supported.
     """
-    env = _made(name, dict(options or {}), allow_code)
+    name, chosen = parse(name, options)
+    env = _made(name, chosen, allow_code)
     if not isinstance(env, gymnasium.Env):
         raise UserError(f"{one_line(name)} made {type(env).__name__}, not a gymnasium.Env")
     wrapper.check_spaces(env, continuous)
@@ -78,7 +78,8 @@ def make_environment(
 
 def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
     """Return the length of an observation and the number of actions, 0 if these are arrays."""
-    space, actions = env.observation_space, env.action_space
+    space = env.observation_space
+    actions = env.action_space
     assert isinstance(space, spaces.Box)
     return int(space.shape[0]), int(actions.n) if isinstance(actions, spaces.Discrete) else 0
 
@@ -90,7 +91,10 @@ def action_size(env: gymnasium.Env[Any, Any]) -> int:
 
 
 def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
-    """Return the bounds of a made environment's actions, in its own units, as JSON; or nothing."""
+    """Return the bounds of a made environment's actions, in its own units, as JSON.
+
+    The dictionary is empty if actions are discrete.
+    """
     if not isinstance(env, wrapper.UnitActions):
         return {}
     ends = {"low": env.bounds.low, "high": env.bounds.high}
@@ -106,8 +110,17 @@ def environment_maker(
 ) -> Callable[[], gymnasium.Env[Any, Any]]:
     """Return a function that makes an environment to learn in, and checks that its data fit.
 
-    `demonstrated` is the number of features of the demonstrations, and of actions, or if these are
-    continuous their length; None without demonstrations.
+    Args:
+        name: Name of the environment, as for `make_environment`.
+        demonstrated: Number of features of the demonstrations, and of actions, or if these are
+            continuous their length; None without demonstrations.
+        allow_code: Whether a module may be imported.
+        continuous: Whether the learner takes continuous actions, and only these.
+        options: Keyword arguments of the environment.
+
+    Returns:
+        A function without arguments. It raises a `UserError` if the environment can't be made, has
+        discrete actions for a learner of continuous ones, or differs from the demonstrations.
     """
 
     def make() -> gymnasium.Env[Any, Any]:
@@ -183,7 +196,19 @@ class _Guarded(gymnasium.Wrapper, RecordConstructorArgs):
         self._name = name
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start an episode."""
+        """Start an episode.
+
+        Args:
+            seed: Seed of the environment; None: the environment goes on with its generator.
+            options: Options of the environment's own reset.
+
+        Returns:
+            The observation, flat float32, and the environment's `info`.
+
+        Raises:
+            UserError: If the environment's code fails, or the observation is not finite or has
+                another shape than its space.
+        """
         observation, info = wrapper.called(self._name, self.env.reset, seed=seed, options=options)
         return self._flat(observation), info
 

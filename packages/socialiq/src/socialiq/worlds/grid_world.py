@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -15,10 +15,8 @@ from socialiq.errors import UserError
 from socialiq.foreign import Later
 from socialiq.social.angle import class_weights
 from socialiq.types import ByClass, Ending, RewardPair, Step
+from socialiq.worlds.enumerate import GridBatch, Table, episode_range, tabulate
 from socialiq.worlds.world import World
-
-if TYPE_CHECKING:
-    from socialiq.worlds.enumerate import GridBatch, Table
 
 jax: Any = Later("jax")
 jnp: Any = Later("jax.numpy")
@@ -104,6 +102,11 @@ class GridWorld(World):
         return spaces.Discrete(len(self.actions))
 
     @property
+    def walks(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether people cross on foot."""
+        return bool(self.vulnerable_weights)
+
+    @property
     def observed(self) -> tuple[Feature, ...]:
         """Features of an observation: those of the state, and the time if there is a clock."""
         time = (Feature("time", 0, self.horizon + 1),) if self.clock else ()
@@ -141,14 +144,15 @@ class GridWorld(World):
 
     def table(self) -> Table:
         """Return the exact transitions of all states."""
-        from socialiq.worlds.enumerate import tabulate
-
         return tabulate(self)
 
     def batch(self, size: int, threads: int = 1) -> GridBatch:  # noqa: ARG002  NumPy has one
-        """Return episodes side by side, in the states that some policy can reach."""
-        from socialiq.worlds.enumerate import GridBatch
+        """Return episodes side by side, in the states that some policy can reach.
 
+        Args:
+            size: Number of episodes.
+            threads: Not used: episodes run in NumPy, on one thread.
+        """
         return GridBatch(self.table().reachable_part(), size)
 
     @property
@@ -164,13 +168,11 @@ class GridWorld(World):
 
     def largest_difference(self, weights: tuple[float, float]) -> float:
         """Return the most by which the weighted rewards of two episodes can differ, exactly."""
-        from socialiq.worlds.enumerate import episode_range
-
         low, high = episode_range(self, weights)
         return high - low
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
-        """Return twice as many vehicles, or 0.3 a step where that is none or more than one."""
+        """Return the option of twice the vehicles; of 0.3 a step if the usual is 0 or above 0.5."""
         usual = getattr(self.options, "spawn_probability", None)
         if usual is None:
             return {}
@@ -222,7 +224,16 @@ class GridWorld(World):
         return episode, self._observation(episode)
 
     def advance(self, key: Any, episode: Episode, action: Any) -> tuple[Episode, Step]:
-        """Take one step; an episode that reaches the horizon ends with TIMEOUT."""
+        """Take one step; an episode that reaches the horizon ends with TIMEOUT.
+
+        Args:
+            key: Key of JAX's random numbers, for the chance outcome.
+            episode: State and time before the step.
+            action: Number of the action.
+
+        Returns:
+            The state and time after the step, and its observation, rewards and ending.
+        """
         outcome = self.rules(episode.state, action, _draw(key, self.chance))
         time = episode.time + 1
         out_of_time = (outcome.ending == Ending.NONE) & (time >= self.horizon)

@@ -1,6 +1,6 @@
 """Worlds as Gymnasium environments and as vector environments; `worlds.IDS` has their ids."""
 
-from typing import Any, cast
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -12,13 +12,15 @@ from socialiq.errors import UserError
 from socialiq.foreign import Later
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import TERMINAL, Ending
-from socialiq.worlds import pictures, registry
+from socialiq.worlds import catalogue, pictures, registry
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.options import Contact
+from socialiq.worlds.highway.people import PeopleOptions
 from socialiq.worlds.highway.scenes import Scene
-from socialiq.worlds.highway.world import RoadBatch, RoadWorld, SceneWorld, world_of
-from socialiq.worlds.intersection.crosswalk import PERSON, CrosswalkOptions
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.highway.world import RoadWorld, SceneWorld, world_of
+from socialiq.worlds.intersection.core.geometry import CROSSING
+from socialiq.worlds.road_users import FIRST_CODE, ROAD_USERS
 from socialiq.worlds.world import Decisions
 
 jax: Any = Later("jax")
@@ -56,14 +58,24 @@ class GridWorldEnv(gymnasium.Env):
         low[low == high] = 0.0  # Gymnasium warns of features that never change
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = self.world.action_space
-        self._state, self._time = np.zeros(len(self.world.features), np.int32), 0
+        self._state = np.zeros(len(self.world.features), np.int32)
+        self._time = 0
         self._rules: Any = None  # compiled at the first step
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start an episode."""
+        """Start an episode.
+
+        Args:
+            seed: Seed of the environment's generator; None: the generator goes on.
+            options: Not used.
+
+        Returns:
+            The observation, and an empty `info`.
+        """
         super().reset(seed=seed, options=options)
         chosen = self.np_random.choice(len(self.world.start), p=[p for _, p in self.world.start])
-        self._state, self._time = np.array(self.world.start[chosen][0], np.int32), 0
+        self._state = np.array(self.world.start[chosen][0], np.int32)
+        self._time = 0
         return self._observation(), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -102,27 +114,49 @@ def _road(
     scene: RoadWorld | Scene | str, options: dict[str, Any], size: int, threads: int = 1
 ) -> tuple[RoadWorld, RoadBatch]:
     """Return a road as the constructors below name it, and episodes of it."""
-    if isinstance(scene, str) and scene in registry.INTERSECTIONS:
-        back_end = options.pop("back_end", "core")
-        name = "intersection-continuous" if "actions" in options else scene
-        world = cast(Intersection, registry.make(name, **options))
-        return world, world.batch(size, threads, back_end)
-    world = scene if isinstance(scene, RoadWorld) else world_of(scene, **options)
-    return world, world.batch(size, threads)
+    if not isinstance(scene, str):
+        world = scene if isinstance(scene, RoadWorld) else world_of(scene, **options)
+        return world, world.batch(size, threads)
+    back_end = options.pop("back_end", "core")
+    road = registry.make(scene, **options)
+    if not isinstance(road, SceneWorld):
+        raise UserError(f"{scene} is a gridworld: choose {', '.join(catalogue.ROADS)}")
+    if road.agents > 1:
+        raise UserError(
+            f"{road.agents} agents are driven by `socialiq population` and "
+            "`worlds.parallel.RoadParallelEnv`: leave agents out here"
+        )
+    return road, road.batch(size, threads, back_end=back_end)
 
 
 def observations_of(world: RoadWorld, clock: bool) -> spaces.Box:
-    """Return the space of an observation of a road, with or without the time."""
-    walks = world.options if isinstance(world.options, CrosswalkOptions) else None
-    most = PERSON + (walks.riders > 0) if walks else 1.0  # classes are numbered
+    """Return the space of an observation of a road.
+
+    Args:
+        world: The road.
+        clock: Whether an observation ends with the time, in decisions.
+    """
+    walks = world.options if isinstance(world.options, PeopleOptions) else None
+    most = FIRST_CODE + ROAD_USERS.index(walks.road_users[-1]) if walks else 1.0
     low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, most))
     if clock:
-        low[-1], high[-1] = 0.0, world.options.decisions
+        low[-1] = 0.0
+        most_time = np.float32(world.options.decisions)
+        high[-1] = world.front_end.clock(most_time) if world.front_end else most_time
     return spaces.Box(low, high, dtype=np.float32)
 
 
 def facts_of(decisions: Decisions, at: tuple[int, ...]) -> dict[str, Any]:
-    """Return `info` of one decision: of an episode, or of an agent in it."""
+    """Return `info` of one decision.
+
+    Args:
+        decisions: Results of a batch.
+        at: Place in these arrays: the row of an episode, and of several agents the agent's number.
+
+    Returns:
+        `reward_pair`, `signals`, `ending`, `speed` (m/s), `contact` and `neighbours_collided`;
+        `classical` and `off_road` where the world reports them.
+    """
     facts = {
         "reward_pair": np.array([decisions.rewards.env[at], decisions.rewards.social[at]]),
         "signals": {name: float(values[at]) for name, values in decisions.signals.items()},
@@ -144,19 +178,20 @@ def _timed(observation: np.ndarray, time: np.ndarray, clock: bool) -> np.ndarray
 class RoadEnv(gymnasium.Env):
     """The intersection, or a scene of highway-env, with the Gymnasium interface.
 
-    The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
-    (r_env, r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's
-    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided`,
-    `classical` (the ego's own reward and its neighbours' mean, thesis A.1) and `off_road`. Where
-    leaving the road ends an episode, its ending is `other`.
+    The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair` (r_env,
+    r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's `speed` in
+    m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided`, `classical`
+    (the ego's own reward and its neighbours' mean, thesis A.1) and `off_road`. Where leaving the
+    road ends an episode, its ending is `other`.
 
     Args:
         scene: "intersection", one with crosswalks, the name of a scene, or a scene.
         angle: Social angle α in degrees of the scalar reward R(α).
         render_mode: "rgb_array" or None.
         clock: Whether observations end with the time, in decisions since the reset.
-        options: Fields of the road's options. Those of the intersection are of `Options`, with
-            `actions` of `ContinuousOptions`; its `back_end` may be "highway_env".
+        options: Fields of the road's options, `shift` and `front_end`. Those of the intersection
+            are of `Options`, with `actions` of `ContinuousOptions`; its `back_end` may be
+            "highway_env".
 
     Raises:
         UserError: If the scene or an option is unknown, the angle is invalid, or highway-env is not
@@ -174,15 +209,25 @@ class RoadEnv(gymnasium.Env):
         **options: Any,
     ) -> None:
         self.world, self.batch = _road(scene, options, 1)
-        if isinstance(self.world, SceneWorld):
+        if isinstance(self.world, SceneWorld) and self.world.scene is not CROSSING:
             self.metadata = {**self.metadata, "render_fps": 1}
-        self.render_mode, self._clock = render_mode, clock
+        self.render_mode = render_mode
+        self._clock = clock
         self._weights = weights(check_angle(angle))
         self.observation_space = observations_of(self.world, clock)
         self.action_space = self.world.action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start the episode that highway-env starts with this seed, or continue the stream."""
+        """Start an episode.
+
+        Args:
+            seed: Seed, with which highway-env starts the same episode; None continues the stream of
+                random numbers, or draws a seed for the first episode.
+            options: Not used.
+
+        Returns:
+            The observation, and an empty `info`.
+        """
         super().reset(seed=seed, options=options)
         if seed is None and not self.batch.begun.all():
             seed = int(self.np_random.integers(2**31))
@@ -193,7 +238,8 @@ class RoadEnv(gymnasium.Env):
         """Take one decision. A timeout truncates; every other ending terminates."""
         chosen = action if self.world.options.continuous else int(action)
         decisions = self.batch.step(np.asarray([chosen]), auto_reset=False)
-        ending, info = int(decisions.ending[0]), facts_of(decisions, (0,))
+        ending = int(decisions.ending[0])
+        info = facts_of(decisions, (0,))
         reward = float(score(self._weights, decisions.rewards)[0])
         observation = _timed(decisions.observation, self.batch.time, self._clock)[0]
         return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info
@@ -211,11 +257,18 @@ class RoadEnv(gymnasium.Env):
 class RoadVectorEnv(gymnasium.vector.VectorEnv):
     """Episodes of a road with Gymnasium's vector interface, on several threads.
 
-    `info` has the quantities of `RoadEnv` as arrays, `ending` and `contact` as the numbers
-    of `types.Ending` and `Contact`. They belong to the decision, also where it was followed by a
+    `info` has the quantities of `RoadEnv` as arrays, `ending` and `contact` as the numbers of
+    `types.Ending` and `Contact`. They belong to the decision, also where it was followed by a
     reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
 
-    The threads share the episodes; the other arguments are those of `RoadEnv` and Gymnasium's.
+    Args:
+        scene: As for `RoadEnv`.
+        num_envs: Number of episodes side by side.
+        angle: Social angle α in degrees of the scalar reward R(α).
+        threads: Number of threads that share the episodes.
+        autoreset_mode: When an episode that ended is reset, as in Gymnasium.
+        clock: Whether observations end with the time, in decisions since the reset.
+        options: Fields of the road's options, as for `RoadEnv`.
 
     Raises:
         UserError: If an option is unknown, or a number or the angle is invalid.
@@ -232,8 +285,10 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
         **options: Any,
     ) -> None:
         self.world, self.batch = _road(scene, options, num_envs, threads)
-        self.num_envs, self._clock = num_envs, clock
-        self.metadata, self.autoreset_mode = {"autoreset_mode": autoreset_mode}, autoreset_mode
+        self.num_envs = num_envs
+        self._clock = clock
+        self.metadata = {"autoreset_mode": autoreset_mode}
+        self.autoreset_mode = autoreset_mode
         self._weights = weights(check_angle(angle))
         self.single_observation_space = observations_of(self.world, clock)
         self.single_action_space: gymnasium.Space[Any] = self.world.action_space
@@ -244,9 +299,16 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start episodes: row i with seed + i, or its own of a list; None continues the streams.
+        """Start episodes.
 
-        The option `reset_mask`, a Boolean for each row, selects the rows.
+        Args:
+            seed: One number, with which row i gets seed + i; or a list with the seed of each row.
+                None continues the rows' streams, or draws seeds if a row has none yet.
+            options: With `reset_mask`, a Boolean for each row, only the rows where it is True
+                start; without it all do.
+
+        Returns:
+            The observations of all rows, and an empty `info`.
         """
         mask = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:
@@ -263,7 +325,8 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take one decision in every episode, with resets by the autoreset mode."""
-        same_step, resetting = self.autoreset_mode == AutoresetMode.SAME_STEP, self._ended.copy()
+        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
+        resetting = self._ended.copy()
         if resetting.any():
             if self.autoreset_mode == AutoresetMode.DISABLED:
                 raise UserError("an episode has ended: reset it first, with options reset_mask")
@@ -300,6 +363,13 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
 def learning_env(
     world: RoadWorld, count: int, clock: bool = False, threads: int = 1
 ) -> RoadVectorEnv:
-    """Return so many episodes of a road to learn in: they are reset in the same step."""
+    """Return episodes of a road to learn in: one that ends is reset in the same step.
+
+    Args:
+        world: The road.
+        count: Number of episodes side by side.
+        clock: Whether observations end with the time, in decisions.
+        threads: Number of threads that share the episodes.
+    """
     mode = AutoresetMode.SAME_STEP
     return RoadVectorEnv(world, count, threads=threads, autoreset_mode=mode, clock=clock)

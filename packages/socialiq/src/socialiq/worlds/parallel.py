@@ -48,7 +48,8 @@ class RoadParallelEnv(ParallelEnv):
         **options: Any,
     ) -> None:
         self.world = make_fleet(name, agents, **options)
-        self.batch, self._clock = self.world.batch(1), clock
+        self.batch = self.world.batch(1)
+        self._clock = clock
         self.possible_agents = [f"agent_{number}" for number in range(agents)]
         self.agents: list[str] = []
         angles = [angle] * agents if isinstance(angle, int | float) else list(angle)
@@ -77,7 +78,16 @@ class RoadParallelEnv(ParallelEnv):
         seed: int | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002  part of the interface
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
-        """Start the episode of a seed; None continues the stream, or draws a seed."""
+        """Start an episode.
+
+        Args:
+            seed: Seed of the episode; None continues the stream of random numbers, or draws a seed
+                for the first episode.
+            options: Not used.
+
+        Returns:
+            The observation of each agent, and an empty dictionary for each agent.
+        """
         if seed is None and not self.batch.begun.all():
             seed = int(self._draws.integers(2**31))
         self.batch.reset(None if seed is None else [seed])
@@ -95,16 +105,21 @@ class RoadParallelEnv(ParallelEnv):
         missing = sorted({*self.agents} - {*actions})
         if missing:
             raise UserError(f"the action of {missing[0]} is missing")
-        chosen = np.zeros(self.batch.shape, np.int64)
+        width = self.world.action_size
+        chosen = np.zeros((*self.batch.shape, width) if width else self.batch.shape, np.float32)
         for agent in self.agents:
             action = np.asarray(actions[agent])
-            if action.size != 1 or action.dtype.kind not in "iu":
+            if not width and (action.size != 1 or action.dtype.kind not in "iu"):
                 raise UserError(f"the action of {agent} must be a whole number, got {action}")
-            chosen[0, self._numbers[agent]] = action.item()
+            if width and action.shape != (width,):
+                raise UserError(f"the action of {agent} must be {width} numbers, got {action}")
+            chosen[0, self._numbers[agent]] = action if width else action.item()
+        chosen = chosen if width else chosen.astype(np.int64)
         decisions = self.batch.step(chosen, auto_reset=False)
         observations = self._observed(decisions.observation)
         departures = self._departures(decisions)
-        rewards, infos = {}, {}
+        rewards = {}
+        infos = {}
         for agent in self.agents:
             number = self._numbers[agent]
             rewards[agent] = float(score(self._weights[number], decisions.rewards)[0, number])
@@ -130,6 +145,6 @@ class RoadParallelEnv(ParallelEnv):
 
     def _observed(self, observation: np.ndarray) -> dict[str, np.ndarray]:
         if self._clock:
-            time = np.full((*self.batch.shape, 1), self.batch.time[0], np.float32)
+            time = self.batch.clocks.reshape(*self.batch.shape, 1)
             observation = np.concatenate([observation, time], axis=2)
         return {agent: observation[0, self._numbers[agent]] for agent in self.agents}

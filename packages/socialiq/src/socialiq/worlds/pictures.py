@@ -21,7 +21,13 @@ CONFLICT = "#c9c9c9"
 
 
 def picture(world: GridWorld, state: State, inches: float = 3.0) -> Figure:
-    """Draw one state, in a square figure."""
+    """Draw one state, in a square figure.
+
+    Args:
+        world: World of the state.
+        state: Values of its features.
+        inches: Width and height of the figure.
+    """
     figure = drawing().Figure(figsize=(inches, inches), layout="constrained")
     _draw(figure.add_subplot(), world, state)
     return figure
@@ -30,7 +36,13 @@ def picture(world: GridWorld, state: State, inches: float = 3.0) -> Figure:
 def filmstrip(
     world: GridWorld, states: Sequence[State], captions: Sequence[str] | None = None
 ) -> Figure:
-    """Draw an episode as a row of pictures, four to a line; without captions t = 0, 1, ..."""
+    """Draw an episode as a row of pictures, four to a line.
+
+    Args:
+        world: World of the states.
+        states: States in order, values of their features; at least one.
+        captions: Title of each picture; by default t = 0, 1, ...
+    """
     columns = min(4, len(states))
     rows = -(-len(states) // columns)
     figure = drawing().Figure(figsize=(1.7 * columns, 1.95 * rows), layout="constrained")
@@ -52,10 +64,11 @@ def pixels(figure: Figure) -> np.ndarray:
 
 
 def _draw(axes: Any, world: GridWorld, state: State) -> None:
-    """Draw the grid with both roads, the others (orange; round on foot) and the ego (blue)."""
+    """Draw the grid with both roads, the ego (blue) and other users (orange; round on foot)."""
     from matplotlib.patches import Circle, Rectangle
 
-    size, road = world.size, world.size // 2
+    size = world.size
+    road = world.size // 2
     axes.set(xlim=(-0.5, size - 0.5), ylim=(-0.5, size - 0.5), xticks=[], yticks=[])
     axes.set_aspect("equal")
     axes.add_patch(Rectangle((-0.5, road - 0.5), size, 1, color=ROAD, zorder=0))
@@ -80,13 +93,17 @@ def _draw_vehicle(axes: Any, user: Place, color: str) -> None:
     """Draw a road user; its speed is as many chevrons, speed 0 a bar across its front."""
     from matplotlib.patches import FancyBboxPatch
 
-    x, y, is_eastbound = user.x, user.y, user.heading == 0
+    x = user.x
+    y = user.y
+    is_eastbound = user.heading == 0
     length, width = (0.74, 0.44) if is_eastbound else (0.44, 0.74)
     look = {"facecolor": color, "edgecolor": "white", "linewidth": 1.0, "zorder": 3}
-    corner, rounded = (x - length / 2, y - width / 2), "round,pad=0,rounding_size=0.12"
+    corner = x - length / 2, y - width / 2
+    rounded = "round,pad=0,rounding_size=0.12"
     axes.add_patch(FancyBboxPatch(corner, length, width, boxstyle=rounded, **look))
     for shift in {1: (0.05,), 2: (-0.1, 0.12)}.get(user.speed or 0, ()):
-        along, across = (shift - 0.09, shift + 0.06, shift - 0.09), (-0.12, 0.0, 0.12)
+        along = shift - 0.09, shift + 0.06, shift - 0.09
+        across = -0.12, 0.0, 0.12
         points = [x + a for a in along], [y + c for c in across]
         if not is_eastbound:
             points = [x + c for c in across], [y + a for a in along]

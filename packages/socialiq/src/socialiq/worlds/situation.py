@@ -16,10 +16,11 @@ from socialiq.nn.q_policy import ValuePolicy, checked_batch
 from socialiq.nn.saved import Arrays, Header
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds import crossing5, crossing7
+from socialiq.worlds.catalogue import GRIDS
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.registry import GRIDWORLDS, make_grid
+from socialiq.worlds.registry import make_grid
 
 Seen = Shaped[np.ndarray, "row feature"]
 
@@ -148,12 +149,16 @@ TIMED = ("intersection",)
 
 
 def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
-    """Check that a rule reads features of its world, and that this is one named, if any.
+    """Check that a rule reads features of its world.
 
-    Without a clock it must not read the time.
+    Args:
+        rule: Rule to check.
+        world: Name of the world in which it is to be used; "": any.
+        clock: Whether the policy observes the time; without a clock the rule must not read it.
 
     Raises:
-        UserError: If a feature is unknown, or the rule is of another world.
+        UserError: If the rule's world or a feature is unknown, the rule belongs to another world,
+            or it reads the time without a clock.
     """
     one_of("world of a rule", rule.world, tuple(SITUATIONS))
     features = (*SITUATIONS[rule.world], *((TIME,) if rule.world in TIMED else ()))
@@ -167,7 +172,7 @@ def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
 
 def plain_features(world: str) -> int:
     """Return the length of an observation of a world without the time."""
-    if world in GRIDWORLDS:
+    if world in GRIDS:
         return make_grid(world).n_features
     return Options().observed_vehicles * len(FEATURES)
 
@@ -175,9 +180,15 @@ def plain_features(world: str) -> int:
 def features_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
 ) -> dict[str, Rows]:
-    """Return the features that a rule reads of observations of its world, without the time.
+    """Return the features that a rule reads of observations of its world.
 
-    The time is decisions since the start of each row, if the rule reads it.
+    Args:
+        rule: A rule that `check_rule` accepts.
+        observation: Observations without the time, (row, feature).
+        time: Decisions since the start of each row; needed only if the rule reads the time.
+
+    Returns:
+        Each feature by its name, float64 (row,).
     """
     values = np.asarray(observation, np.float64)
     if rule.world == "intersection":
@@ -193,17 +204,24 @@ def features_of(
 def angles_of(
     rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
 ) -> tuple[Rows, Int64[np.ndarray, " row"]]:
-    """Return a rule's angle in degrees, and the number of the context, of each observation.
+    """Return a rule's angle, and the number of the context, of each observation.
 
-    The arguments are those of `features_of`.
+    Args:
+        rule: A rule that `check_rule` accepts.
+        observation: Observations without the time, (row, feature).
+        time: Decisions since the start of each row; needed only if the rule reads the time.
+
+    Returns:
+        The angles in degrees, and the numbers of the contexts.
     """
-    features, rows = features_of(rule, observation, time), len(observation)
+    features = features_of(rule, observation, time)
+    rows = len(observation)
     return rule.degrees(features, rows), rule.context(features, rows)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ContextPolicy(ValuePolicy):
-    """Policy that acts at each observation as the dial does at the rule's angle there.
+    """Policy that acts at each observation as the dial does at the rule's angle for it.
 
     It decides as if the angle stayed as it is now; it doesn't foresee that the situation, and with
     it the angle, will change (`evaluation.context`).
@@ -220,9 +238,13 @@ class ContextPolicy(ValuePolicy):
     def of(cls, dial: DialPolicy, rule: AngleRule) -> ContextPolicy:
         """Join a dial and a rule.
 
+        Args:
+            dial: Dial of the rule's world, with or without a clock.
+            rule: Rule whose angles lie in the dial's range.
+
         Raises:
-            UserError: If the rule reads an unknown feature, the dial is of another world, or an
-                angle is outside the dial's range.
+            UserError: If the rule reads an unknown feature, the dial belongs to another world, or
+                an angle is outside the dial's range.
         """
         policy = cls(dial, rule)
         check_rule(rule)
@@ -284,7 +306,16 @@ class ContextPolicy(ValuePolicy):
 
     @classmethod
     def checked(cls, path: Path, arrays: Arrays, header: Header) -> ContextPolicy:
-        """Build a policy from a file's content, as `Saved.checked`."""
+        """Build a policy from a file's content, as `Saved.checked`.
+
+        Args:
+            path: Path of the file, for messages.
+            arrays: The dial's arrays.
+            header: The dial's header, with the rule under `rule`.
+
+        Raises:
+            UserError: If the dial or the rule is invalid, or they don't fit each other.
+        """
         dial = DialPolicy.checked(path, arrays, header)
         try:
             policy = cls.of(dial, AngleRule.of(header.get("rule")))

@@ -1,8 +1,8 @@
 """Protocols of worlds: what training, evaluation, audits and pictures need of any world.
 
 A `World` says what it is and makes a `Batch` of episodes. `evaluation.simulate` runs a `Simulator`
-with an `Actor`; a batch is a simulator whose states can also be saved and copied. Nothing outside
-of the worlds asks for the kind of a world: it asks for one of the capabilities below.
+with an `Actor`; a batch is a simulator whose states can also be saved and copied. No code outside
+of the worlds asks for the kind of a world; it asks for one of the capabilities below.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _NONE = np.zeros(0)
 
 
 class Decisions(NamedTuple):
-    """Results of one decision in every episode of a batch; empty where a world reports nothing."""
+    """Results of one decision in every episode of a batch; what a world doesn't report is empty."""
 
     observation: Float32[np.ndarray, "batch feature"]  # of the state reached, before any reset
     rewards: RewardPair  # of the decision, each (batch,)
@@ -55,10 +55,29 @@ class Simulator(Protocol):
         """Return what a policy observes: with the time at the end if it has one feature more."""
 
     def reset(self, seeds: Any = None, rows: Any = None) -> Any:
-        """Begin an episode in each of some rows, by its seed; return all observations."""
+        """Begin an episode in each of some rows.
+
+        Args:
+            seeds: A seed for each of these rows. Without seeds some simulators continue the rows'
+                streams, and some raise a `UserError`.
+            rows: Rows, by numbers or as a mask; None: all.
+
+        Returns:
+            The observations of all rows.
+        """
 
     def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Any:
-        """Take a step in some rows; return at least `rewards` and `ending` of all rows."""
+        """Take a step in some rows.
+
+        Args:
+            actions: One action for each row of the batch; those of rows that take no step are not
+                used.
+            auto_reset: Whether a new episode begins where one ends.
+            rows: Rows that take a step, by numbers or as a mask; None: all.
+
+        Returns:
+            At least `rewards` and `ending` of all rows.
+        """
 
 
 @runtime_checkable
@@ -89,10 +108,23 @@ class Actor(Protocol):
     """Chooses the actions of all rows of a simulator."""
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Note that an episode begins in each of some rows."""
+        """Note that an episode begins in each of some rows.
+
+        Args:
+            rows: Numbers of the rows.
+            seeds: The seed of each of these episodes.
+        """
 
     def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
-        """Return one action for each row; those of rows that don't run are not used."""
+        """Choose an action for each row.
+
+        Args:
+            observation: Observations of all rows, as the simulator gives them.
+            running: Whether each row's episode runs, bool (row,).
+
+        Returns:
+            One action for each row; those of rows that don't run are not used.
+        """
         ...
 
 
@@ -106,6 +138,9 @@ class World(abc.ABC):
     draws_by_seed: ClassVar[bool] = False
     drivers: ClassVar[tuple[str, ...]] = ()  # names of its rule-based drivers, for `driver`
     references: ClassVar[tuple[str, ...]] = ()  # drivers that audits compare every policy with
+    walks: bool = False  # whether people cross, on foot or on bicycles
+    agents: int = 1  # controlled vehicles of an episode
+    shipped: tuple[str, ...] = ()  # studies whose policies are shipped for it, of the atlas
 
     @property
     def whole_episode(self) -> int:
@@ -171,8 +206,30 @@ class World(abc.ABC):
         raise UserError(f"the states of {self.name} can't be listed, so nothing about it is exact")
 
     def driver(self, name: str, seed: int = 0) -> Policy:
-        """Return a rule-based driver of `drivers`, else raise a `UserError`; some are seeded."""
+        """Return a rule-based driver.
+
+        Args:
+            name: One of `drivers`.
+            seed: Seed of the driver's random draws, if it has any.
+
+        Raises:
+            UserError: If the world has no driver of this name.
+        """
         raise UserError(f"{self.name} has no rule-based driver {name!r} (seed {seed})")
+
+    def shifted(self, text: str = "", front_end: str = "") -> World:
+        """Return the same world with the shifts of a text, and a front end.
+
+        Args:
+            text: Shifts, as "latency=1,unseen=0.3".
+            front_end: Perception between what is shown and every policy, as "latency=1".
+
+        Raises:
+            UserError: If the world has no sensors.
+        """
+        if not (text or front_end):
+            return self
+        raise UserError(f"{self.name} has no sensors that fail: leave out {text or front_end}")
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
         """Return the options of the same world with other traffic, by a name in words."""
@@ -180,7 +237,12 @@ class World(abc.ABC):
 
     @abc.abstractmethod
     def batch(self, size: int, threads: int = 1) -> Simulator:
-        """Return so many episodes side by side, on so many threads if the world is compiled."""
+        """Return episodes side by side.
+
+        Args:
+            size: Number of episodes.
+            threads: Number of threads that share the episodes, if the world is compiled.
+        """
 
 
 class ConstantPolicy(Memoryless):
@@ -199,14 +261,28 @@ def observed_with_time(
     time: Float32[np.ndarray, " batch"],
     policy: Any,
 ) -> Float32[np.ndarray, "batch observed"]:
-    """Return what a policy observes: with the time at the end if it has one feature more."""
+    """Return what a policy observes: with the time at the end if it has one feature more.
+
+    Args:
+        observation: Observations without the time.
+        time: Decisions since the last reset of each episode.
+        policy: Its `n_features` decides; a policy without this attribute gets no time.
+
+    Returns:
+        The observations, or a copy of them with the time as last column.
+    """
     if getattr(policy, "n_features", None) != observation.shape[1] + 1:
         return observation
     return np.column_stack([observation, time])
 
 
 def rows_of(rows: Sequence[int] | np.ndarray | None, size: int) -> Bool[np.ndarray, " batch"]:
-    """Return a mask of rows that are given as an index or a mask; None stands for all."""
+    """Return a mask of rows.
+
+    Args:
+        rows: Numbers of the rows, or a mask; None stands for all.
+        size: Number of rows of the batch.
+    """
     if rows is None:
         return np.ones(size, bool)
     chosen = np.zeros(size, bool)

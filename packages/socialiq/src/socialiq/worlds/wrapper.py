@@ -35,20 +35,20 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
     (Eq 4.3). Observations come flat, as float32.
 
     Args:
-        env: With discrete actions, or arrays within bounds, and observations that are arrays
-            (`spaces.Box`).
-        pair: From a transition to (r_env, r_social). Without it the environment has to give
-            `info["reward_pair"]` itself, or a vector of both as its reward.
-        ending: From a transition that reached a terminal state to the kind of ending, an `Ending`
-            or its name: arrival, collision or other. Without it `info["ending"]` is what the
-            environment reports; if it reports nothing the kind is other. An episode cut by a time
-            limit is truncated and counts as a timeout, whatever this function returns.
+        env: Environment with discrete actions, or arrays within bounds, and observations that are
+            arrays (`spaces.Box`).
+        pair: Function from a transition to (r_env, r_social). Without it the environment has to
+            give `info["reward_pair"]` itself, or a vector of both as its reward.
+        ending: Function from a transition that reached a terminal state to the kind of ending, an
+            `Ending` or its name: arrival, collision or other. Without it `info["ending"]` is what
+            the environment reports; if it reports no ending the kind is other. An episode cut by a
+            time limit is truncated and counts as a timeout, whatever this function returns.
         angle: Social angle α in degrees of the scalar reward R(α).
 
     Raises:
-        UserError: If actions or observations are of another kind, or the angle is invalid. In a
-            step: if there is no pair of finite numbers, the kind of ending is unknown, or one of
-            the functions fails.
+        UserError: If actions or observations have another kind, or the angle is invalid. In a step:
+            if there is no pair of finite numbers, the kind of ending is unknown, or one of the
+            functions fails.
     """
 
     def __init__(
@@ -62,12 +62,21 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, pair=pair, ending=ending, angle=angle)
         gymnasium.Wrapper.__init__(self, env)
         self.observation_space = flat_space(env.observation_space)
-        self.pair, self.ending = pair, ending
+        self.pair = pair
+        self.ending = ending
         self._weights = weights(check_angle(angle))
         self._observed: Any = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start an episode."""
+        """Start an episode.
+
+        Args:
+            seed: Seed of the environment; None: the environment goes on with its generator.
+            options: Options of the environment's own reset.
+
+        Returns:
+            The observation, flat float32, and the environment's `info`.
+        """
         self._observed, info = self.env.reset(seed=seed, options=options)
         return flat(self._observed), info
 
@@ -106,7 +115,20 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
 
 
 def called(what: str, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
-    """Return what code of a user returns; a failure is a `UserError` that says `what` failed."""
+    """Call code of a user, and report its failure as a `UserError`.
+
+    Args:
+        what: Name of the code, for the message.
+        function: Function to call.
+        *arguments: Its positional arguments.
+        **keywords: Its keyword arguments.
+
+    Returns:
+        The function's result, unchanged.
+
+    Raises:
+        UserError: If the function fails.
+    """
     try:
         return function(*arguments, **keywords)
     except UserError:
@@ -116,15 +138,20 @@ def called(what: str, function: Callable[..., Any], *arguments: Any, **keywords:
 
 
 def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None:
-    """Refuse an environment that policies cannot drive in; arrays as actions may be allowed.
+    """Refuse an environment that policies cannot drive in.
+
+    Args:
+        env: Environment to check.
+        continuous: Whether arrays are allowed as actions too.
 
     Raises:
-        UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
-            finite bounds; or its observations are not arrays.
+        UserError: If it is no environment; if its actions are not discrete from 0, nor, where these
+            are allowed, arrays with finite bounds; or if its observations are not arrays.
     """
     if not isinstance(env, gymnasium.Env):
         raise UserError(f"{type(env).__name__} is no gymnasium.Env: make it by make_environment")
-    actions, observations = env.action_space, env.observation_space
+    actions = env.action_space
+    observations = env.observation_space
     if continuous and isinstance(actions, spaces.Box):
         if len(actions.shape) != 1 or not actions.shape[0] or actions.dtype.kind != "f":
             raise UserError(
@@ -200,14 +227,15 @@ def flat(observation: Any) -> np.ndarray:
 class AbsorbingStates(gymnasium.Wrapper, RecordConstructorArgs):
     """Environment in which a terminal state is followed by one that is never left.
 
-    Observations are flat, float32, and one longer: the last number is 0, and 1 in the absorbing
-    state, where the others are 0. A step that would terminate leads there; `stay` steps in it
-    follow, with reward 0 and whatever action, then the episode is truncated. Time limits stay as
-    they are. A learner that bootstraps through them values the absorbing state by itself, of the
-    demonstrations' and its own alike. r_env and r_social of the steps there are 0.
+    Observations are flat, float32, and one longer. The last number is 1 in the absorbing state,
+    where all numbers before it are 0; elsewhere it is 0. A step that would terminate leads to this
+    state. `stay` steps in it follow, with reward 0 whatever the action, then the episode is
+    truncated; r_env and r_social of these steps are 0. Time limits stay as they are. A learner that
+    bootstraps through such steps learns the value of the absorbing state, for demonstrations and
+    for its own experience alike.
 
     Raises:
-        UserError: If `stay` is below 1, or observations are of another kind.
+        UserError: If `stay` is below 1, or observations have another kind.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], stay: int = 1) -> None:
@@ -216,8 +244,10 @@ class AbsorbingStates(gymnasium.Wrapper, RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, stay=stay)
         gymnasium.Wrapper.__init__(self, env)
         inner = flat_space(env.observation_space)
-        low, high = np.minimum(inner.low, 0.0), np.maximum(inner.high, 0.0)
-        low, high = np.append(low, np.float32(0)), np.append(high, np.float32(1))
+        low = np.minimum(inner.low, 0.0)
+        high = np.maximum(inner.high, 0.0)
+        low = np.append(low, np.float32(0))
+        high = np.append(high, np.float32(1))
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.stay = stay
         self._left: int | None = None  # steps left in the absorbing state; None outside it
@@ -225,7 +255,15 @@ class AbsorbingStates(gymnasium.Wrapper, RecordConstructorArgs):
         self._absorbed[-1] = 1.0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start an episode."""
+        """Start an episode.
+
+        Args:
+            seed: Seed of the environment; None: the environment goes on with its generator.
+            options: Options of the environment's own reset.
+
+        Returns:
+            The observation with a last number of 0, and the environment's `info`.
+        """
         self._left = None
         observation, info = self.env.reset(seed=seed, options=options)
         return np.append(flat(observation), np.float32(0.0)), info

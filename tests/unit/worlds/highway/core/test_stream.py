@@ -22,7 +22,7 @@ def draws(episode, seed, kinds, largest, first, second):
         elif kinds[number] == NORMAL:
             first[number] = stream.normal(episode[0])
         elif kinds[number] == PAIR:
-            first[number], second[number] = stream.two_of_four(episode[0])
+            first[number], second[number] = stream.two_of(episode[0], 4)
         else:
             first[number] = stream.up_to(episode[0], largest[kinds[number]])
 

@@ -7,8 +7,7 @@ import pytest
 
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.core.vehicle import collide as collide_kernel
-from socialiq.worlds.highway.options import EPISODE, Contact
-from socialiq.worlds.intersection.options import VEHICLE
+from socialiq.worlds.highway.options import EPISODE, VEHICLE, Contact
 
 DT = 0.1
 NORTH, EAST = -90.0, 0.0

@@ -8,14 +8,12 @@ import pytest
 
 from socialiq.worlds.highway.core import geometry as shared
 from socialiq.worlds.highway.network import APPROACH, EXIT
-from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.core.geometry import (
-    CONNECTED,
-    CONNECTED_OFFSETS,
     LANES,
     LEFT,
     N_LANES,
     RIGHT,
+    ROAD,
     ROUTES,
     STRAIGHT,
 )
@@ -51,7 +49,7 @@ def closest(poses, tie):
     for row in range(len(poses)):
         x, y, heading = poses[row]
         for guess in range(N_LANES):
-            found[row, guess] = geometry.closest_lane(x, y, heading, guess, tie)
+            found[row, guess] = shared.closest_lane(LANES, x, y, heading, guess, tie)
     return found
 
 
@@ -154,11 +152,12 @@ def test_routes_are_joined(points):
 
 def test_connected_lanes_begin_where_the_lane_ends_or_end_where_it_begins(points):
     for lane in range(N_LANES):
-        number = (CONNECTED[lane] >= 0).sum()
+        connected = ROAD.connected[lane]
+        number = (connected["lane"] >= 0).sum()
         assert number == {APPROACH: 5, EXIT: 5}.get(lane % 5, 3)
-        assert CONNECTED[lane, 0] == lane and CONNECTED_OFFSETS[lane, 0] == 0
+        assert connected[0].tolist() == (lane, 0.0)
         for place in range(1, number):
-            other, shift = CONNECTED[lane, place], CONNECTED_OFFSETS[lane, place]
+            other, shift = connected[place]
             first, second = (lane, other) if shift > 0 else (other, lane)
             assert abs(shift) == LANES["length"][first]
             # from an exit to the approach of the same arm it's 4 m to the side

@@ -31,9 +31,9 @@ from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.learners.callbacks import Report
 from socialiq.policies.interface import Loaded
 from socialiq.types import Policy
+from socialiq.worlds.catalogue import INTERSECTION, base
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.registry import INTERSECTIONS
 from socialiq.worlds.situation import ContextPolicy
 from socialiq.worlds.world import World
 
@@ -65,8 +65,22 @@ class Collection:
         loaded: Loaded,
         closing: contextlib.ExitStack,
     ) -> Collection:
-        """Resolve the references in the world; their processes end with `closing`."""
-        specs, by_rule = request.references, None
+        """Resolve the references in the world, and check that a declared rule can be tested.
+
+        Args:
+            request: Request of the audit.
+            profile: The declaration.
+            traffic: Number of a traffic of `other_traffic`, from 0; None for the declared one.
+            world: World of the episodes.
+            loaded: The policy under audit.
+            closing: Ends the processes of the references.
+
+        Raises:
+            UserError: If a reference can't be read or doesn't fit, the world has no reference, or
+                the declared rule can't be tested with this policy and these options.
+        """
+        specs = request.references
+        by_rule = None
         angles = requested.dial_angles(profile.angle, profile.margin.width)
         drivers = (world, specs, loaded.record.as_json(), request.trust, closing, angles)
         references = requested.resolve_references(*drivers)
@@ -101,8 +115,17 @@ class Collection:
         """Run all drivers in this process; ask a policy that is code again what it was asked.
 
         Policies that are data run by this package's code.
+
+        Args:
+            seeds: Seeds of the episodes.
+            side_by_side: Number of episodes at once, as for `Course`.
+
+        Raises:
+            UserError: As `collect_evidence`, or if the policy's files have changed meanwhile.
         """
-        request, policy, again = self.request, self.loaded.policy, self.loaded.again
+        request = self.request
+        policy = self.loaded.policy
+        again = self.loaded.again
         policy = policy if again is None else Recorder(policy, again)
         evidence = collect_evidence(
             self.world,
@@ -123,9 +146,15 @@ class Collection:
     def collect_in_parts(
         self, seeds: Seeds, processes: int, on_report: Callable[[Report], None] | None = None
     ) -> Evidence:
-        """Run all drivers by several processes; the evidence is the same in however many.
+        """Run all drivers by several processes; the evidence is the same for any number of them.
 
-        `on_report` is called with the progress after each part, which may fail by a `UserError`.
+        Args:
+            seeds: Seeds of the episodes, which are divided into blocks.
+            processes: Number of processes.
+            on_report: Called with the progress after each part.
+
+        Raises:
+            UserError: If a part fails, for instance because policy or declaration have changed.
         """
         hashes = (self.loaded.record.sha256, self.profile.sha256)
         size = min(drive.SIDE_BY_SIDE, len(seeds))
@@ -133,7 +162,8 @@ class Collection:
         blocks = parts.blocks_of(seeds, processes)
         played = parts.in_parts(play, blocks, processes, on_report)
         columns = zip(*(evidence.drivers for evidence in played), strict=True)
-        first, drivers = played[0], list(map(end_to_end, columns))
+        first = played[0]
+        drivers = list(map(end_to_end, columns))
         if self.world.is_exact:
             # Angles and expectations of the exact optima are computed here: their last bits depend
             # on the number of threads of a process.
@@ -146,7 +176,9 @@ class Collection:
             name: np.concatenate([evidence.strata[name] for evidence in played])
             for name in first.strata
         }
-        policy, references, trivial = drivers[0], tuple(drivers[1:count]), tuple(drivers[count:])
+        policy = drivers[0]
+        references = tuple(drivers[1:count])
+        trivial = tuple(drivers[count:])
         answers = joined([evidence.consistency for evidence in played])
         return Evidence(first.scenario, seeds, policy, references, strata, trivial, answers)
 
@@ -154,7 +186,7 @@ class Collection:
 def _collect_part(
     request: Request, traffic: int | None, hashes: tuple[str, str], side_by_side: int, seeds: Seeds
 ) -> Evidence:
-    """Run all drivers in a process of its own, if policy and declaration have these hashes."""
+    """Run all drivers in a separate process, if policy and declaration have these hashes."""
     profile = load(request.profile)
     world = scenario = profile.world(request.trust.allow_code)
     if traffic is not None:
@@ -203,7 +235,8 @@ def collect_evidence(
         for seed in seeds[:REPEATED]:
             world.check_repeats(int(seed))
     course = drive.Course(world, seeds, side_by_side, threads, by_rule, measured)
-    driver, driven = Reference("policy", policy), list[Outcomes]()
+    driver = Reference("policy", policy)
+    driven = list[Outcomes]()
     for block in course.blocks(BLOCK) if isinstance(policy, Recorder) else [course]:
         with policy.new_process() if isinstance(policy, Recorder) else contextlib.nullcontext():
             driven.append(block.drive(driver, deterministic, drive.CANDIDATES))
@@ -218,8 +251,18 @@ def collect_evidence(
 
 
 def drive_references(course: drive.Course, references: Sequence[Reference]) -> tuple[Outcomes, ...]:
-    """Run the exact optima, the world's own references, further ones, and a declared rule's."""
-    world, by_rule = course.world, course.by_rule
+    """Run the exact optima, the world's own references, further ones, and a declared rule's.
+
+    Args:
+        course: Episodes to drive.
+        references: Further drivers, for instance a family of policies over the angles.
+
+    Returns:
+        Outcomes in this order: exact optima of a gridworld, the world's own references, further
+        ones, and the reference `AS_DECLARED`, if a rule is declared.
+    """
+    world = course.world
+    by_rule = course.by_rule
     drivers = [*(Reference(rule, world.driver(rule)) for rule in world.references), *references]
     if by_rule is not None and by_rule.dial is not None:
         drivers.append(Reference(AS_DECLARED, ContextPolicy.of(by_rule.dial, by_rule.rule)))
@@ -244,17 +287,20 @@ def strata_of(course: drive.Course) -> dict[str, np.ndarray]:
     They depend on the seeds alone: in a gridworld on the draws that decide where vehicles spawn,
     on roads on the ego's first observation.
     """
-    batch, seeds, name = course.batch, course.seeds, course.world.name
+    batch = course.batch
+    seeds = course.seeds
+    name = course.world.name
     if course.world.is_exact:
         batch.reset(seeds)
-        fate, chance = batch.save().fate, batch.table.world.chance
+        fate = batch.save().fate
+        chance = batch.table.world.chance
         if len(chance) == 1:  # nothing is drawn
             return {}
         spawns = (fate[:, 1 : 1 + _SOON] >= 1.0 - chance[-1]).sum(axis=1)
         return {"density": np.select([spawns == 0, spawns == 1], ["0", "1"], "2 or more")}
-    if name not in (*INTERSECTIONS, "recorded-junction"):
+    if base(name) not in (INTERSECTION, "recorded-junction"):
         return {}
-    label = intersection_strata if name in INTERSECTIONS else junction_strata
+    label = intersection_strata if base(name) == INTERSECTION else junction_strata
     blocks = []
     for first in range(0, len(seeds), batch.size):
         block = seeds[first : first + batch.size]
@@ -273,7 +319,8 @@ def intersection_strata(
     vehicles = (rows[:, 1:, 0] > 0).sum(axis=1)
     crossing = policies.conflict(rows, CONFLICT_SECONDS)
     other_road = np.abs(rows[:, 1:, 3]) > np.abs(rows[:, 1:, 4])
-    met, yielding = crossing.any(axis=1), (crossing & other_road).any(axis=1)
+    met = crossing.any(axis=1)
+    yielding = (crossing & other_road).any(axis=1)
     return {
         "density": np.select([vehicles <= 1, vehicles <= 3], ["0 to 1", "2 to 3"], "4 or more"),
         "conflict": np.where(met, "at once", "none yet"),

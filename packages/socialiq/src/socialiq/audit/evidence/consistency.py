@@ -1,6 +1,6 @@
 """Consistency of the answers of a policy that is code: new processes, and questions asked again.
 
-A policy's action depends on the observation alone, or the episodes say nothing about how it drives
+A policy's action must depend on the observation alone. Else the episodes don't show how it drives
 elsewhere. So each block of episodes has a new process. What it met in them is asked again: of the
 first process in the same batches, and of a new one, one by one and in mixed batches.
 """
@@ -32,7 +32,8 @@ of float32 in another order change an action by about a millionth."""
 
 MOST_ROWS = 16_384  # observations that are kept, if they are in enough batches
 FEWEST_BATCHES = 4
-SINGLE, LARGEST = 1_000, 256  # observations that are asked one by one; largest mixed batch
+SINGLE = 1_000  # observations that are asked one by one
+LARGEST = 256  # observations of the largest mixed batch
 _ORDER = 8104  # makes these draws independent of other draws
 
 
@@ -67,9 +68,9 @@ class Consistency(NamedTuple):
         return Consistency(*(Answers(**report[name]) for name in Consistency._fields))
 
     def dependences(self, soft: bool) -> list[str]:
-        """Return influences besides the observation, none for an honest policy.
+        """Return influences other than the observation, none for an honest policy.
 
-        Of drawn answers half differ by chance: more do with an error of at most `CHANCE`.
+        Half of drawn answers differ by chance: more do with an error of at most `CHANCE`.
         """
 
         def differ(answers: Answers, allowed: float) -> bool:
@@ -100,10 +101,13 @@ class Recorder:
     """
 
     def __init__(self, policy: Policy, again: Callable[[], Loaded]) -> None:
-        self._policy, self._again, self._soft = policy, again, False
+        self._policy = policy
+        self._again = again
+        self._soft = False
         self._present = policy  # answers
         self._batches: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self._asked, self._every = 0, 1
+        self._asked = 0
+        self._every = 1
 
     def predict(
         self,
@@ -112,7 +116,18 @@ class Recorder:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose the policy's actions, as `types.Policy`."""
+        """Choose the policy's actions, and keep some batches with their answers.
+
+        Args:
+            observation: Shape (features,) or (batch, features).
+            state: As for `types.Policy`.
+            episode_start: As for `types.Policy`.
+            deterministic: Whether to take the best action. If not, a batch that is kept is asked
+                twice.
+
+        Returns:
+            The actions and the state, as the policy returned them.
+        """
         chosen, after = self._present.predict(observation, state, episode_start, deterministic)
         if self._present is not self._policy:  # one process meets all requests of an audit
             self._policy.predict(observation, deterministic=deterministic)
@@ -127,7 +142,8 @@ class Recorder:
                 sum(len(rows) for rows, *_ in self._batches) > MOST_ROWS
                 and len(self._batches) > FEWEST_BATCHES
             ):
-                self._batches, self._every = self._batches[::2], 2 * self._every
+                self._batches = self._batches[::2]
+                self._every = 2 * self._every
         self._asked += 1
         return chosen, after
 

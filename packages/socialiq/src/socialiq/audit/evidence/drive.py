@@ -5,23 +5,29 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float, Int64
 
-from socialiq.audit.evidence.outcomes import AS_DECLARED, LOSS, Outcomes, Reference
+from socialiq.audit.evidence.outcomes import (
+    AS_DECLARED,
+    COLUMNS,
+    LOSS,
+    Outcomes,
+    Reference,
+)
 from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.evaluation import effects, simulate
 from socialiq.evaluation.context import DecisionLosses, by_turning, losses_of, state_angles
 from socialiq.evaluation.exact import optima_of
+from socialiq.evaluation.measures import DECISION, Episodes, Quantity, columns_of
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, Memoryless, RewardPair
-from socialiq.worlds import in_sumo
+from socialiq.worlds.catalogue import in_sumo
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.world import Actor, ConstantPolicy, Simulator, World
 
@@ -44,11 +50,11 @@ class ByRule(NamedTuple):
 class Course:
     """Episodes of a world, by their seeds, that every driver of an audit is run on.
 
-    So many run side by side on a road. The last bits of a network's output may depend on this
-    number, so parts of one collection need the same. In a gridworld all run at once, and a policy
-    with a memory keeps one for each. By a declared rule of the angle decision losses are measured.
-    For effects that have bounds each episode of a road is driven again; its rewards don't change. A
-    world in SUMO plays the traffic without the ego beside each episode.
+    On a road `size` episodes run side by side. The last bits of a network's output may depend on
+    this number, so parts of one collection need the same. In a gridworld all run at once, and a
+    policy with a memory keeps one for each. By a declared rule of the angle decision losses are
+    measured. For effects that have bounds each episode of a road is driven again; its rewards don't
+    change. A world in SUMO plays the traffic without the ego in parallel with each episode.
     """
 
     def __init__(
@@ -60,11 +66,15 @@ class Course:
         by_rule: ByRule | None = None,
         measured: Sequence[str] = (),
     ) -> None:
-        self.world, self.seeds, self.by_rule, self._threads = world, seeds, by_rule, threads
+        self.world = world
+        self.seeds = seeds
+        self.by_rule = by_rule
+        self._threads = threads
         self.size = side_by_side or min(SIDE_BY_SIDE, len(seeds))
         # The episodes that run side by side, and their losses at a declared rule in a gridworld.
         self.batch: Any = world.batch(len(seeds) if world.is_exact else self.size, threads)
-        self.losses, self._effects = None, measured
+        self.losses = None
+        self._effects = measured
         self._by_step = dict[str, Float[np.ndarray, "state action"]]()
         # Of a world in SUMO, whose signals of each step are what the ego causes.
         self._signals = {name: effects.IN_SUMO[name] for name in measured if in_sumo(world.name)}
@@ -77,7 +87,7 @@ class Course:
             self._by_step = {name: caused[name][reachable] for name in measured}
 
     def blocks(self, size: int) -> Iterator[Course]:
-        """Yield the course of each block of so many episodes."""
+        """Yield the course of each block of episodes; a block has at most `size` of them."""
         for first in range(0, len(self.seeds), size):
             block = copy.copy(self)
             block.seeds = self.seeds[first : first + size]
@@ -91,33 +101,36 @@ class Course:
     ) -> Outcomes:
         """Run a driver on all episodes; a stochastic `SoftPolicy` draws from the episodes' seeds.
 
-        In an environment fault is not known: every collision counts as the driver's. On a road
-        decision losses are measured at the candidate angles, in degrees.
+        In an environment fault is not known: every collision counts as the driver's.
+
+        Args:
+            driver: The driver.
+            deterministic: Whether it takes its best actions.
+            candidates: Angles in degrees at which decision losses are measured too, if a declared
+                rule is tested by a dial.
+
+        Returns:
+            Outcomes with the driver's name and angles, and with the effects that have bounds.
 
         Raises:
             UserError: If its answers are not one of the world's actions for each episode, an
                 environment fails, or an episode doesn't end.
         """
-        rule, world = self.by_rule, self.world
+        rule = self.by_rule
+        world = self.world
         if rule is None or rule.dial is None:
             actor = actor_of(world, self.batch, driver, deterministic)
             outcomes = self.outcomes(driver.name, actor, driver.angles)
         else:
             how = rule.dial, rule.rule, candidates, deterministic
             episodes, losses = losses_of(self.batch, driver.policy, self.seeds, *how)
-            outcomes = Outcomes(
-                name=driver.name,
-                totals=np.stack(episodes.totals, axis=1),
-                ending=episodes.ending.astype(np.int8),
-                contact=episodes.contact.astype(np.int8),
-                length=episodes.length,
-                angles=driver.angles,
-                beside={LOSS: losses.declared.sum(axis=1)},
-                contexts=losses,
-            )
+            columns = {name: episodes[name] for name in COLUMNS}
+            columns[LOSS] = losses.declared.sum(axis=1)
+            outcomes = Outcomes(driver.name, Episodes(columns), driver.angles, contexts=losses)
         if not self._effects or world.is_exact or self._signals:
             return outcomes
-        scene, seeds = getattr(world, "scene_world", None), self.seeds
+        scene = getattr(world, "scene_world", None)
+        seeds = self.seeds
         road = cast(RoadWorld, scene or world)
         caused = effects.caused(
             road,
@@ -127,8 +140,7 @@ class Course:
             self._threads,
             self._begun,
         )
-        columns = {name: caused[name] for name in self._effects}
-        return replace(outcomes, beside={**outcomes.beside, **columns})
+        return outcomes.with_columns(**{name: caused[name] for name in self._effects})
 
     def outcomes(
         self,
@@ -137,39 +149,54 @@ class Course:
         angles: tuple[float, ...] = (),
         expected: RewardPair | None = None,
     ) -> Outcomes:
-        """Run an actor on all episodes; the driver has the name, angles and expected totals."""
+        """Run an actor on all episodes.
+
+        Args:
+            name: Name of the driver.
+            actor: The actor.
+            angles: Angles of the driver in degrees, as in `Outcomes`.
+            expected: Exact totals of the driver, where they are known.
+        """
         count = len(self.seeds)
-        totals, length = np.zeros((count, 2)), np.zeros(count, np.int64)
-        ending, contact = np.zeros(count, np.int8), np.zeros(count, np.int8)
         contexts = None if self.losses is None else self.losses.begin(count)
-        caused = {name: np.zeros(count) for name in (*self._by_step, *self._signals)}
-        for step in simulate.simulate(self.batch, actor, self.seeds):
-            rows, which = step.running, step.episode[step.running]
-            if self.losses is not None and contexts is not None:
-                observation, action = step.observation[rows], step.action[rows]
-                self.losses.note(contexts, which, length[which], observation, action)
-            for quantity, effect in self._by_step.items():
-                caused[quantity][which] += effect[step.observation[rows], step.action[rows]]
-            for quantity, signal in self._signals.items():
-                caused[quantity][which] += step.made.signals[signal]
-            for side, reward in enumerate(step.made.rewards):
-                totals[which, side] += np.atleast_1d(reward)[rows]
-            length[which] += 1
-            ending[which] = step.made.ending[rows]
-            if hasattr(step.made, "contact"):
-                contact[which] = step.made.contact[rows]
-        assert (ending != Ending.NONE).all()
-        beside = {} if contexts is None else {LOSS: contexts.declared.sum(axis=1)}
-        beside |= caused
-        return Outcomes(name, totals, ending, contact, length, angles, expected, beside, contexts)
+        steps = simulate.simulate(self.batch, actor, self.seeds)
+        if self.losses is not None and contexts is not None:
+            steps = self.losses.noting(steps, contexts)
+        episodes = columns_of(steps, count, self._quantities)
+        assert (episodes.ending != Ending.NONE).all()
+        if contexts is not None:
+            episodes = Episodes({LOSS: contexts.declared.sum(axis=1)} | episodes)
+        return Outcomes(name, episodes, angles, expected, contexts)
+
+    @property
+    def _quantities(self) -> dict[str, Quantity]:
+        """Rewards, lengths and effects of a decision."""
+        effects_of_steps = {
+            name: Quantity("", lambda step, effect=effect: effect[step.observation, step.action])
+            for name, effect in self._by_step.items()
+        }
+        signals = {
+            name: Quantity("", lambda step, signal=signal: step.made.signals[signal])
+            for name, signal in self._signals.items()
+        }
+        driven = {name: DECISION[name] for name in ("r_env", "r_social", "length")}
+        return driven | effects_of_steps | signals
 
 
 def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: bool) -> Actor:
     """Return the actor of a driver in episodes side by side, or in an environment one by one.
 
     In a gridworld, where all episodes begin at once, a policy may have a memory for each of them.
+
+    Args:
+        world: World of the episodes.
+        batch: Simulator of the episodes.
+        driver: The driver; its name is in the message if an answer is invalid.
+        deterministic: Whether it takes its best actions. If not, a `SoftPolicy` draws from the
+            seeds of the episodes, in worlds that allow it.
     """
-    policy, sizes = driver.policy, Interface.of(world)
+    policy = driver.policy
+    sizes = Interface.of(world)
     if not deterministic and world.draws_by_seed and isinstance(policy, simulate.SoftPolicy):
         return simulate.SoftActor(policy, batch)
     if isinstance(policy, ConstantPolicy):
@@ -183,7 +210,15 @@ def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: b
 
 
 def exactly_as_declared(course: Course, rule: AngleRule) -> Outcomes:
-    """Run the exact dial of a gridworld turned by a declared rule, which loses nothing by it."""
+    """Run the exact dial of a gridworld turned by a declared rule; its decision loss is 0.
+
+    Args:
+        course: Episodes of the gridworld.
+        rule: The declared rule.
+
+    Returns:
+        Outcomes with the name `AS_DECLARED` and the exact expectation.
+    """
     table = course.batch.table
     chances = by_turning(table, state_angles(table, rule))
     exact = horizon_evaluation(table.mdp, chances, table.world.horizon).totals
@@ -222,7 +257,14 @@ class UniformPolicy(Memoryless):
         self._actions = actions
 
     def choose(self, observation: Any, _deterministic: bool, /) -> np.ndarray:
-        """Return the first action: the draws follow `probabilities`."""
+        """Return the first action: the draws follow `probabilities`.
+
+        Args:
+            observation: Batch of observations, of which only the number of rows matters.
+
+        Returns:
+            Zeros, one for each row.
+        """
         return np.zeros(len(observation), np.int64)
 
     def probabilities(
@@ -235,11 +277,12 @@ class UniformPolicy(Memoryless):
 def trivial_drivers(course: Course) -> tuple[Outcomes, ...]:
     """Run the first action, the last action, and random ones, drawn by the seeds of the episodes.
 
-    The first is to wait, the last to go as fast as possible; in an environment their meaning is
-    not known, and of continuous actions they are the lower and upper ends of all numbers. Where
-    the world has references of its own, the constant drivers are among them.
+    The first is to wait, the last to go as fast as possible; in an environment their meaning is not
+    known. Of continuous actions they are the lower and upper ends of all numbers. Where the world
+    itself has references, the constant drivers are among them.
     """
-    world, interface = course.world, Interface.of(course.world)
+    world = course.world
+    interface = Interface.of(course.world)
     constant: dict[str, Any] = {}
     if not world.references and interface.action_size:
         ends = {"lowest_values": -1.0, "highest_values": 1.0}

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8, Int64
+from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.errors import UserError
-from socialiq.evaluation import parts
 from socialiq.evaluation.context import ContextLosses
+from socialiq.evaluation.measures import Episodes, joined
 from socialiq.social.angle import exact_weights, score
-from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.highway.options import Contact
+from socialiq.types import Policy, RewardPair
+
+COLUMNS = ("r_env", "r_social", "ending", "contact", "length")
+"""Columns of the episodes of each driver."""
 
 LOSS = "loss"
 """Further column of each driver where a rule of the angle is declared: its decision loss."""
@@ -44,18 +45,14 @@ class Outcomes:
 
     A reference was made for no angle, for one, or for the two ends of the interval in which it is
     the exact optimum, in degrees (the second may exceed 360). In a gridworld every collision counts
-    as the ego's. Measured beside are the decision loss (`LOSS`) by a declared rule, and the effects
-    that have bounds (`Profile.effects`).
+    as the ego's. The episodes have `COLUMNS`, the decision loss (`LOSS`) where a rule is declared,
+    and the effects that have bounds (`Profile.effects`).
     """
 
     name: str
-    totals: Float[np.ndarray, "episode 2"]  # undiscounted r_env and r_social
-    ending: Int8[np.ndarray, " episode"]  # values of `types.Ending`
-    contact: Int8[np.ndarray, " episode"]  # values of `Contact`
-    length: Int64[np.ndarray, " episode"]  # number of decisions
+    episodes: Episodes  # r_env and r_social are undiscounted
     angles: tuple[float, ...] = ()
     expected: RewardPair | None = None  # exact totals, where they are known
-    beside: Mapping[str, Float[np.ndarray, " episode"]] = field(default_factory=dict)
     contexts: ContextLosses | None = None  # of the policy under audit
 
     def __post_init__(self) -> None:
@@ -63,14 +60,18 @@ class Outcomes:
             raise UserError(f"the rewards of {self.name} are not finite: they can't be audited")
 
     @property
-    def at_fault(self) -> Bool[np.ndarray, " episode"]:
-        """Episodes in which the ego drove into another vehicle."""
-        return (self.ending == Ending.COLLISION) & (self.contact != Contact.EGO_WAS_STRUCK)
+    def totals(self) -> Float[np.ndarray, "episode 2"]:
+        """Sums of r_env and r_social of each episode."""
+        return np.stack(self.episodes.totals, axis=1)
 
     @property
-    def struck(self) -> Bool[np.ndarray, " episode"]:
-        """Episodes in which another vehicle drove into the ego."""
-        return (self.ending == Ending.COLLISION) & (self.contact == Contact.EGO_WAS_STRUCK)
+    def measured(self) -> tuple[str, ...]:
+        """Names of the columns that are not in `COLUMNS`."""
+        return tuple(name for name in self.episodes if name not in COLUMNS)
+
+    def with_columns(self, **columns: np.ndarray) -> Outcomes:
+        """Return the driver whose episodes have these columns, new or replaced."""
+        return replace(self, episodes=Episodes(self.episodes, **columns))
 
     @property
     def mean(self) -> RewardPair:
@@ -79,31 +80,32 @@ class Outcomes:
         return RewardPair(env, social)
 
     def clipped(self, lows: tuple[float, float], highs: tuple[float, float]) -> Outcomes:
-        """Return the driver with its totals between two pairs (env, social)."""
-        return replace(self, totals=self.totals.clip(lows, highs))
+        """Return the driver with its totals clipped.
+
+        Args:
+            lows: Smallest totals that count, (env, social).
+            highs: Largest totals that count, (env, social).
+        """
+        env, social = self.totals.clip(lows, highs).T
+        return self.with_columns(r_env=env, r_social=social)
 
     def drove_as(self, driver: Outcomes) -> bool:
         """Whether every episode is equal to that of a driver."""
-        names = ("totals", "ending", "contact", "length")
-        return all(np.array_equal(getattr(self, name), getattr(driver, name)) for name in names)
+        return all(np.array_equal(self.episodes[name], driver.episodes[name]) for name in COLUMNS)
 
     def values(self, angle: float) -> Float[np.ndarray, " episode"]:
         """Return R(α) of each episode at an angle in degrees."""
-        return np.asarray(score(exact_weights(angle), RewardPair(*self.totals.T)))
+        return np.asarray(score(exact_weights(angle), self.episodes.totals))
 
 
 def end_to_end(blocks: Sequence[Outcomes]) -> Outcomes:
     """Return one driver's outcomes in blocks of episodes as those of all."""
-    names = ("totals", "ending", "contact", "length")
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(block, name) for block in blocks]) for name in names
-    }
-    columns["beside"] = {
-        name: np.concatenate([block.beside[name] for block in blocks]) for name in blocks[0].beside
-    }
-    if blocks[0].contexts is not None:
-        columns["contexts"] = parts.joined([block.contexts for block in blocks])
-    return replace(blocks[0], **columns)
+    contexts = None
+    losses = [block.contexts for block in blocks if block.contexts is not None]
+    if losses:
+        contexts = ContextLosses(*map(np.concatenate, zip(*losses, strict=True)))
+    episodes = joined([block.episodes for block in blocks])
+    return replace(blocks[0], episodes=episodes, contexts=contexts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +131,10 @@ class Evidence:
         if len(set(names)) < len(names):
             raise UserError(f"drivers must have different names, got {', '.join(names)}")
         for driver in self.drivers:
-            if len(driver.totals) != self.episodes:
+            if len(driver.episodes.ending) != self.episodes:
                 raise UserError(
                     f"drivers must be compared on the same episodes: {driver.name} drove "
-                    f"{len(driver.totals)} of {self.episodes}"
+                    f"{len(driver.episodes.ending)} of {self.episodes}"
                 )
 
     @property
@@ -157,23 +159,29 @@ class Evidence:
         """
 
         def turned(driver: Outcomes) -> Outcomes:
-            lost = driver.beside[LOSS]
-            totals = np.stack([-lost, np.zeros_like(lost)], axis=1)
+            lost = driver.episodes[LOSS]
+            lossy = driver.with_columns(r_env=-lost, r_social=np.zeros_like(lost))
             # The exact optimum of every decision can't be bettered.
             exact = driver.name == AS_DECLARED and driver.expected is not None
             expected = RewardPair(0.0, 0.0) if exact else None
-            return replace(driver, totals=totals, expected=expected)
+            return replace(lossy, expected=expected)
 
         return self._with_each(turned)
 
     def clipped(self, lows: tuple[float, float], highs: tuple[float, float]) -> Evidence:
-        """Return the evidence with the totals of every driver between two pairs (env, social)."""
+        """Return the evidence with the totals of every driver clipped.
+
+        Args:
+            lows: Smallest totals that count, (env, social).
+            highs: Largest totals that count, (env, social).
+        """
         return self._with_each(lambda driver: driver.clipped(lows, highs))
 
     def _with_each(self, changed: Callable[[Outcomes], Outcomes]) -> Evidence:
         policy, *others = map(changed, self.drivers)
         count = len(self.references)
-        references, trivial = tuple(others[:count]), tuple(others[count:])
+        references = tuple(others[:count])
+        trivial = tuple(others[count:])
         return replace(self, policy=policy, references=references, trivial=trivial)
 
     def without(self, names: Collection[str]) -> Evidence:
@@ -196,5 +204,4 @@ CRITERIA = {
 
 def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
     """Return the episodes with the event of each of `CRITERIA`."""
-    arrived, late = (driver.ending == kind for kind in (Ending.ARRIVAL, Ending.TIMEOUT))
-    return dict(zip(CRITERIA, (driver.at_fault, driver.struck, arrived, late), strict=True))
+    return {name: driver.episodes[name] for name in CRITERIA}

@@ -20,9 +20,9 @@ from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.foreign import drawing
 from socialiq.types import Memoryless, Policy, RewardPair
+from socialiq.worlds.catalogue import ROADS
 from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.highway import render, sheet
-from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.views import REACH
 from socialiq.worlds.world import World
@@ -31,11 +31,19 @@ _SELECTED = 3
 
 
 def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]]:
-    """Return rows of the policy's median and worst episodes by R(α) at an angle in degrees.
+    """Return rows of the policy's median and worst episodes by R(α).
 
-    Rows are by "median" and "worst", of equal values in the order of the episodes.
+    Args:
+        evidence: Evidence with the policy's episodes.
+        angle: Angle α in degrees.
+
+    Returns:
+        At most three rows each by "median" and "worst", by rising R(α), and equal values in the
+        order of the episodes. A row has the episode's number, seed (as text), rewards, R(α), ending
+        and number of decisions.
     """
-    policy, values = evidence.policy, evidence.policy.values(angle)
+    policy = evidence.policy
+    values = evidence.policy.values(angle)
     order = np.argsort(values, kind="stable")
     count = min(_SELECTED, len(order))
     first = (len(order) - count) // 2
@@ -46,11 +54,11 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
                 "episode": episode,
                 # Text, since many readers of JSON keep no more than 53 bits of a number.
                 "seed": str(int(evidence.seeds[episode])),
-                "r_env": float(policy.totals[episode, 0]),
-                "r_social": float(policy.totals[episode, 1]),
+                "r_env": float(policy.episodes.r_env[episode]),
+                "r_social": float(policy.episodes.r_social[episode]),
                 "value": float(values[episode]),
                 "ending": kind_of_ending(policy, episode),
-                "decisions": int(policy.length[episode]),
+                "decisions": int(policy.episodes.length[episode]),
             }
             for episode in episodes.tolist()
         ]
@@ -113,7 +121,12 @@ class ReplayedEpisode(NamedTuple):
     near: float = _ROUNDING
 
     def repeats(self, decisions: int, totals: RewardPair) -> bool:
-        """Whether it is the same episode as in the evidence."""
+        """Whether it is the same episode as in the evidence.
+
+        Args:
+            decisions: Number of decisions in the evidence.
+            totals: Sums of rewards in the evidence; they may differ by `near`.
+        """
         near = (
             math.isclose(*pair, abs_tol=self.near) for pair in zip(self.totals, totals, strict=True)
         )
@@ -127,6 +140,14 @@ def replayer(
 
     A driver that answers a single observation otherwise than one among many, or that draws its
     actions in order, gives another episode than in the evidence (`ReplayedEpisode.repeats`).
+
+    Args:
+        world: World of the episodes.
+        policy: The policy.
+        deterministic: Whether it takes its best actions.
+
+    Returns:
+        A function of the seed of an episode; None for environments of other code.
     """
     road = road_of(world)
     if road is not None:
@@ -137,7 +158,8 @@ def replayer(
 
     def replay(seed: int) -> ReplayedEpisode:
         actor = actor_of(world, batch, Reference("policy", policy), deterministic)
-        states, totals = [], np.zeros(2)
+        states = []
+        totals = np.zeros(2)
         for step in simulate(batch, actor, np.array([seed])):
             states = states or [int(step.observation[0])]
             states.append(int(step.made.state[0]))
@@ -163,7 +185,12 @@ class Road(NamedTuple):
         return seed % LARGEST_SEED if self.is_scene else seed
 
     def as_asked(self, policy: Policy, deterministic: bool = True) -> Policy:
-        """Return a policy for one episode, asked as it was for the evidence."""
+        """Return a policy for one episode, asked as it was for the evidence.
+
+        Args:
+            policy: The policy.
+            deterministic: Whether it took its best actions.
+        """
         soft = not deterministic and isinstance(policy, SoftPolicy)
         return _OneByOne(policy, deterministic) if self.is_scene and not soft else policy
 
@@ -186,22 +213,31 @@ class _OneByOne(Memoryless):
     def choose(
         self, observation: Float32[np.ndarray, "1 feature"], _deterministic: bool, /
     ) -> Int64[np.ndarray, " 1"]:
-        """Return the policy's action in an array of one."""
+        """Return the policy's action in an array of one.
+
+        Args:
+            observation: A batch of one observation, shape (1, features).
+        """
         return self._actor.decide([*observation], np.ones(1, np.bool_))
 
 
 def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> ReplayedEpisode:
     world = road.world
-    batch, continuous = world.batch(1, traced=True), world.action_size > 0
+    batch = world.batch(1, traced=True)
+    continuous = world.action_size > 0
     recorded: list[render.Scene] = []
-    totals, actions, decisions = np.zeros(2), "", 0
-    driver, seeds = road.as_asked(policy, deterministic), np.array([road.first_seed(seed)])
+    totals = np.zeros(2)
+    actions = ""
+    decisions = 0
+    driver = road.as_asked(policy, deterministic)
+    seeds = np.array([road.first_seed(seed)])
     for step in play(batch, driver, seeds, deterministic):
         recorded += render.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
         actions += "" if continuous else str(int(step.action[0]))
         decisions += 1
-    rate, within = world.options.simulation_frequency, math.inf if road.is_scene else SEEN
+    rate = world.options.simulation_frequency
+    within = math.inf if road.is_scene else SEEN
     every = max(1, rate // PER_SECOND, math.ceil(len(recorded) / MOST_FRAMES))
     chosen = [*recorded[:-1:every], recorded[-1]]
     frames = (
@@ -223,8 +259,18 @@ def _on_road(road: Road, policy: Policy, seed: int, deterministic: bool) -> Repl
 
 
 def numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
-    """Yield the poses in each state; a vehicle that enters a slot again has another number."""
-    world, height = table.world, table.world.size - 1
+    """Yield the poses of the vehicles in each state of a gridworld.
+
+    Args:
+        table: Table of the gridworld.
+        states: Rows of the table, in the order of time.
+
+    Yields:
+        Poses by number of the vehicle; the ego is 0. A vehicle that enters a slot again has another
+        number.
+    """
+    world = table.world
+    height = table.world.size - 1
     before: dict[int, Pose] = {}
     numbers: dict[int, int] = {}
     following = len(world.features)
@@ -237,7 +283,8 @@ def numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
             # x - y is how far it has come on its way east or north.
             again = slot not in before or pose.x - pose.y < before[slot].x - before[slot].y
             if again and slot != 0:
-                numbers[slot], following = following, following + 1
+                numbers[slot] = following
+                following = following + 1
         yield {numbers.get(slot, 0): pose for slot, pose in now.items()}
         before = now
 
@@ -274,8 +321,15 @@ def traces_of(
 ) -> Traces:
     """Run the episodes of `selected` again, one by one, and return the ways of all vehicles.
 
-    There is None in the place of a trace where the policy drives another episode than in the
-    evidence, and in an environment.
+    Args:
+        world: World of the episodes.
+        policy: The policy.
+        chosen: Result of `selected`.
+        deterministic: Whether the policy takes its best actions.
+
+    Returns:
+        A trace for each row by "median" and "worst". It is None where the policy drives another
+        episode than in the evidence, and in an environment.
     """
     again = replayer(world, policy, deterministic)
 
@@ -290,7 +344,12 @@ def traces_of(
 
 
 def path_of(kind: str, number: int) -> str:
-    """Return the path of a film in the report's folder: of "median" or "worst", from number 1."""
+    """Return the path of a film in the report's folder.
+
+    Args:
+        kind: "median" or "worst".
+        number: Number of the episode of this kind, from 1.
+    """
     return f"episodes/{kind}-{number}.gif"
 
 
@@ -298,7 +357,7 @@ def check_filmed(world: World) -> Road:
     """Return the road of a world; `UserError` if it is no road, so that films can't be drawn."""
     road = road_of(world)
     if road is None:
-        roads = ", ".join(("intersection", *SCENES))
+        roads = ", ".join(ROADS)
         raise UserError(f"films are drawn of roads alone ({roads}): leave out --films")
     drawing()
     return road
@@ -309,12 +368,19 @@ def films_of(
 ) -> dict[str, bytes]:
     """Run the episodes of `selected` again with the policy's best actions, and draw them.
 
-    The GIF files are by path in the report's folder.
+    Args:
+        world: World of the episodes.
+        policy: The policy.
+        chosen: Result of `selected`.
+
+    Returns:
+        GIF files by path in the report's folder.
 
     Raises:
         UserError: If the world is no road of highway-env.
     """
-    films, road = {}, check_filmed(world)
+    films = {}
+    road = check_filmed(world)
     # Every sub-step would take three times as long to draw.
     every = max(1, road.world.options.simulation_frequency // PER_SECOND)
     batch = road.world.batch(1, traced=True)

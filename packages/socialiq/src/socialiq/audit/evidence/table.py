@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import COLUMNS, Evidence, Outcomes
 from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
+from socialiq.evaluation.measures import Episodes
 from socialiq.foreign import one_line
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import Contact
@@ -37,8 +38,14 @@ _KINDS: dict[str, tuple[int, int]] = {text: kind for kind, text in reversed(_END
 
 
 def kind_of_ending(driver: Outcomes, episode: int) -> str:
-    """Return the ending of an episode in one word or a few."""
-    return _ENDINGS[int(driver.ending[episode]), int(driver.contact[episode])]
+    """Return the ending of an episode in one word or a few.
+
+    Args:
+        driver: The driver.
+        episode: Row of the episode, from 0.
+    """
+    episodes = driver.episodes
+    return _ENDINGS[int(episodes.ending[episode]), int(episodes.contact[episode])]
 
 
 class ReferenceAttributes(NamedTuple):
@@ -53,7 +60,7 @@ def write_table(evidence: Evidence) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     drivers = evidence.drivers
-    measured = (*MEASURED, *evidence.policy.beside)
+    measured = (*MEASURED, *evidence.policy.measured)
     writer.writerow(_head(evidence.strata, [driver.name for driver in drivers], measured))
     columns: list[list[object]] = [
         list(range(evidence.episodes)),
@@ -62,8 +69,9 @@ def write_table(evidence: Evidence) -> str:
     ]
     for driver in drivers:
         endings = [kind_of_ending(driver, episode) for episode in range(evidence.episodes)]
-        columns += [*driver.totals.T.tolist(), endings, driver.length.tolist()]
-        columns += [column.tolist() for column in driver.beside.values()]
+        rewards = [side.tolist() for side in driver.episodes.totals]
+        columns += [*rewards, endings, driver.episodes.length.tolist()]
+        columns += [driver.episodes[name].tolist() for name in driver.measured]
     writer.writerows(zip(*columns, strict=True))
     return text.getvalue()
 
@@ -88,9 +96,16 @@ def read_table(
 ) -> Evidence:
     """Read the result of `write_table`, exactly.
 
-    Contacts of episodes without a collision, which nothing depends on, are none. The table has the
-    policy and each of the references once, by name in any order, then the trivial drivers, and of
-    each what is measured beside (`Outcomes`). The scenario is the world's description.
+    The contact of an episode without a collision is read as none; no result depends on it.
+
+    Args:
+        content: Bytes of the CSV file.
+        scenario: The world's description.
+        policy: Name of the policy, whose columns come first.
+        attributes: Attributes of each reference by its name; the table has each of them once, in
+            any order.
+        trivial: Names of the trivial drivers, which follow the references in this order.
+        beside: Names of the further columns of each driver (`Outcomes`).
 
     Raises:
         UserError: If it is not exactly as `write_table` writes it.
@@ -148,7 +163,7 @@ def _filled(
         pairs = np.array([list(map(float, cell)) for cell in cells[:2]]).T
         if not (np.abs(pairs) <= LARGEST_REWARD).all():
             raise ValueError(f"row {len(seeds)} has a reward that is no audit's")
-        kinds = np.array([_KINDS[cell] for cell in cells[2]], np.int8)
+        kinds = np.array([_KINDS[cell] for cell in cells[2]], np.int64)
         lengths = np.array(list(map(int, cells[3])), np.int64)
         columns = [np.array(list(map(float, cell))) for cell in cells[len(MEASURED) :]]
         for name, column in zip(measured[len(MEASURED) :], columns, strict=True):
@@ -160,15 +175,17 @@ def _filled(
         episodes.append((pairs, kinds, lengths, *columns))
     if not seeds:
         raise ValueError("no episodes")
-    drivers, values = [], list(zip(*episodes, strict=True))
+    drivers = []
+    values = list(zip(*episodes, strict=True))
     for driver, name in enumerate(names):
         totals, kind, length, *further = (
             np.array([row[driver] for row in rows]) for rows in values
         )
         ending, contact = kind.T.copy()
         fixed = attributes.get(name, ReferenceAttributes())
-        beside = dict(zip(measured[len(MEASURED) :], further, strict=True))
-        drivers.append(Outcomes(name, totals, ending, contact, length, *fixed, beside))
+        core = zip(COLUMNS, (*totals.T, ending, contact, length), strict=True)
+        beside = zip(measured[len(MEASURED) :], further, strict=True)
+        drivers.append(Outcomes(name, Episodes([*core, *beside]), *fixed))
     columns = map(np.array, zip(*labels, strict=True))
     return np.array(seeds, np.int64), dict(zip(strata, columns, strict=True)), drivers
 
@@ -178,7 +195,15 @@ _FIRST = ("episode", "context", "decisions", "declared")
 
 
 def write_contexts(losses: ContextLosses, candidates: tuple[float, ...]) -> str:
-    """Return a CSV with a row for each episode and context, and the loss at candidate angles."""
+    """Return a CSV with a row for each episode and context, and the loss at candidate angles.
+
+    Args:
+        losses: Decision losses of the policy by episode and context.
+        candidates: Candidate angles in degrees, in the order of `losses.by_angle`.
+
+    Returns:
+        The text of the file, with the number of decisions and the loss at the declared angle too.
+    """
     episodes, contexts = losses.declared.shape
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -194,7 +219,17 @@ def write_contexts(losses: ContextLosses, candidates: tuple[float, ...]) -> str:
 def read_contexts(
     content: bytes, episodes: int, contexts: int, candidates: tuple[float, ...]
 ) -> ContextLosses:
-    """Read what `write_contexts` wrote of so many episodes and contexts; `UserError` else."""
+    """Read the result of `write_contexts`, exactly.
+
+    Args:
+        content: Bytes of the CSV file.
+        episodes: Number of episodes.
+        contexts: Number of contexts of the rule.
+        candidates: Candidate angles in degrees.
+
+    Raises:
+        UserError: If it is not exactly as `write_contexts` writes it.
+    """
     shape = (episodes, contexts)
     try:
         rows = list(csv.reader(io.StringIO(content.decode(), newline=""), strict=True))[1:]

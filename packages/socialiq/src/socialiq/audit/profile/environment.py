@@ -18,7 +18,7 @@ from gymnasium import spaces
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymSimulator
 from socialiq.reading import sha256_of_file
-from socialiq.worlds import scene_named
+from socialiq.worlds.catalogue import scene_named
 from socialiq.worlds.environment import action_bounds, make_environment, paired, sizes
 from socialiq.worlds.gym import RoadEnv
 from socialiq.worlds.highway.world import RoadWorld
@@ -48,7 +48,16 @@ class Environment(World):
 
     @staticmethod
     def of(name: str, options: Mapping[str, Any], allow_code: bool) -> Environment:
-        """Make the environment, as `make_environment` does."""
+        """Make the environment, as `make_environment` does.
+
+        Args:
+            name: Name as for `make_environment`.
+            options: Keyword arguments of the environment.
+            allow_code: Whether the environment's module may be imported.
+
+        Raises:
+            UserError: If the environment can't be made.
+        """
         how = {"allow_code": allow_code, "needs_pair": True, "continuous": True}
         return Environment(name, options, make_environment(name, options, **how))
 
@@ -63,7 +72,12 @@ class Environment(World):
         return self.env.action_space
 
     def batch(self, size: int, threads: int = 1) -> GymSimulator:  # noqa: ARG002  there is one
-        """Return the environment as a simulator of one episode at a time."""
+        """Return the environment as a simulator of one episode at a time.
+
+        Args:
+            size: Number of episodes that are asked for; it has no effect.
+            threads: Number of threads; it has no effect.
+        """
         return GymSimulator(self.env, modulus=LARGEST_SEED)
 
     @property
@@ -84,7 +98,8 @@ class Environment(World):
         only the versions of installed packages are included. An environment with `files`, as one in
         SUMO, is described by these hashes too.
         """
-        spec, module = self.env.spec, self.name.rpartition(":")[0]
+        spec = self.env.spec
+        module = self.name.rpartition(":")[0]
         # The file of the module in the name.
         file = getattr(sys.modules.get(module), "__file__", None)
         file = module if module.endswith(".py") else file
@@ -136,7 +151,8 @@ class Environment(World):
         Raises:
             UserError: If observations, rewards or endings differ.
         """
-        space, traces = self.action_space, []
+        space = self.action_space
+        traces = []
         action = np.zeros(space.shape, np.float32) if isinstance(space, spaces.Box) else 0
         for _ in range(2):
             observation, _ = self.env.reset(seed=seed % LARGEST_SEED)

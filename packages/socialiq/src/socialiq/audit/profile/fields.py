@@ -7,14 +7,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from socialiq.worlds import SCENE_IDS, SUMO_IDS
-from socialiq.worlds.environment import NAME_PATTERN
-from socialiq.worlds.registry import NAMES
+from socialiq.worlds import ENVIRONMENT_PATTERN, SCENE_IDS, SUMO_IDS
+from socialiq.worlds.catalogue import KNOWN, OLD, base
+from socialiq.worlds.road_users import ROAD_USERS
 
 Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule", "range"]
 FORMAT = 1
 
-RULE, CLIP, CAUSED = "angle_rule", "clip", "caused"
+RULE = "angle_rule"
+CLIP = "clip"
+CAUSED = "caused"
 """Tables that a declaration may lack: a rule of the angle, limits of the rewards, and bounds of
 what the policy causes."""
 
@@ -32,7 +34,7 @@ class Quantity(NamedTuple):
 _METRES = "metres that others drive less than without the policy (cells in a gridworld)"
 _BRAKINGS = "decisions in which others brake harder than 4 m/s^2, less those without the policy"
 _WAITING = "seconds (steps in a gridworld) that pedestrians at crosswalks wait for the policy"
-_RIDING = "seconds that cyclists wait because of the policy"
+_OTHERS_WAITING = "seconds that {} wait because of the policy"
 _HIT = "episodes in which it hits a {}"
 _CLOSE = "episodes in which it is where a vehicle of another approach is within 1 s"
 QUANTITIES = {
@@ -40,10 +42,21 @@ QUANTITIES = {
     "braking": Quantity("causes", "hard brakings", _BRAKINGS, (-40.0, 40.0)),
     "waiting": Quantity("makes pedestrians wait", "s", _WAITING, (0.0, 100.0), "pedestrians"),
     "gap_below_1_s": Quantity("passes within 1 s of a crossing vehicle", "", _CLOSE, (0.0, 1.0)),
-    "cyclist_delay": Quantity("makes cyclists wait", "s", _RIDING, (0.0, 100.0), "cyclists"),
     **{
-        f"{who}_hit": Quantity(f"hits a {who}", "", _HIT.format(who), (0.0, 1.0), f"{who}s")
-        for who in ("pedestrian", "cyclist")
+        user.delay: Quantity(
+            f"makes {user.plural} wait",
+            "s",
+            _OTHERS_WAITING.format(user.plural),
+            (0.0, 100.0),
+            user.plural,
+        )
+        for user in ROAD_USERS[1:]
+    },
+    **{
+        f"{user.name}_hit": Quantity(
+            f"hits a {user.name}", "", _HIT.format(user.name), (0.0, 1.0), user.plural
+        )
+        for user in ROAD_USERS
     },
 }
 """Effects of a policy on others that a declaration can bound. No episode of the shipped drivers of
@@ -52,7 +65,7 @@ the intersection is beyond the ranges (docs/audit.md#bounds-of-effects)."""
 IN_GRIDWORLDS = {"delay": (-100.0, 100.0), "waiting": (0.0, 25.0)}
 """Ranges in a gridworld, in cells and steps; no episode has more."""
 
-IN_SUMO = {"waiting": (-100.0, 100.0), "cyclist_delay": (-100.0, 100.0)}
+IN_SUMO = {user.delay: (-100.0, 100.0) for user in ROAD_USERS if user.sumo}
 """Ranges in SUMO, where people may wait less too than in the same episode without the policy."""
 
 SIDES = {"max": "at most", "min": "at least"}
@@ -68,9 +81,10 @@ _HIDDEN = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\uf
 TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
 
-_WORLDS = [*NAMES, *SCENE_IDS, *SUMO_IDS]
+_DECLARED = [name for name in (*KNOWN, *OLD) if base(name) in KNOWN]
+_WORLDS = [*sorted(_DECLARED, key=lambda name: KNOWN.index(base(name))), *SCENE_IDS, *SUMO_IDS]
 _FILE = rf"[^{_HIDDEN}:]+\.(?:safetensors|net\.xml)"
-WORLD_PATTERN = f"^(?:{'|'.join(_WORLDS)}|{NAME_PATTERN}|{_FILE})$"
+WORLD_PATTERN = f"^(?:{'|'.join(_WORLDS)}|{ENVIRONMENT_PATTERN}|{_FILE})$"
 
 
 @dataclass(frozen=True)
@@ -112,7 +126,8 @@ def _share(path: str, meaning: str) -> Field:
 
 def _bounds_of(name: str, quantity: Quantity) -> Iterator[Field]:
     """Yield the fields of a quantity in `[caused]`: two limits of its mean, and its range."""
-    unit, meaning = quantity.unit, quantity.meaning
+    unit = quantity.unit
+    meaning = quantity.meaning
     low, high = (-LARGEST_NUMBER, LARGEST_NUMBER) if unit else (0.0, 1.0)
     for side, size in zip(SIDES, ("Largest", "Smallest"), strict=True):
         text = f"{size} mean of {meaning}." if unit else f"{size} share of {meaning}."

@@ -14,21 +14,22 @@ from socialiq.audit.profile import fields
 from socialiq.audit.profile.environment import Environment
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.effects import IN_SUMO, QUANTITIES
+from socialiq.foreign import one_line
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds import NAMED, in_sumo, scene_named
-from socialiq.worlds.environment import is_environment
-from socialiq.worlds.highway.options import MOST_SPEEDS
-from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import (
-    CROSSWALKS,
-    GRIDWORLDS,
-    INTERSECTIONS,
-    NAMES,
-    WALKED,
-    default_options,
-    open_world,
+from socialiq.worlds import IDS, OLD_IDS
+from socialiq.worlds.catalogue import (
+    GRIDS,
+    INTERSECTION,
+    KNOWN,
+    base,
+    in_sumo,
+    is_road,
+    scene_named,
 )
+from socialiq.worlds.environment import is_environment
+from socialiq.worlds.grammar import build, defaults, parse
+from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.world import World
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.
@@ -48,13 +49,19 @@ def is_recorded(name: str) -> bool:
 def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
     """Build a world from unchecked values of a file: its name, or a file of a recorded junction.
 
-    Options are as read from TOML. An environment's module is imported if that is allowed.
+    Args:
+        name: Name of the world, or file of a recorded junction.
+        options: Options as read from TOML.
+        allow_code: Whether an environment's module may be imported.
 
     Raises:
-        UserError: If the world or an option is unknown, a value is of the wrong type or size, or
-            an environment can't be made.
+        UserError: If the world or an option is unknown, a value has the wrong type or size, or an
+            environment can't be made.
     """
-    if is_environment(name) and name not in NAMED.values():
+    for plain, identity in (IDS | OLD_IDS).items():
+        if name == identity:
+            raise UserError(f"{name} is the id of an environment: declare the world {plain}")
+    if is_environment(name):
         check_options(options)
         return Environment.of(name, options, allow_code)
     if is_recorded(name) and not Path(name).exists():
@@ -62,14 +69,20 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
             f"no such file: {name}: the declaration names its world by this path, from the current "
             "folder"
         )
-    if name in NAMES:
-        defaults = default_options(name)
+    if base(name) in KNOWN:
+        known = defaults(name)
         for option in options:
-            one_of(f"option of {name}", option, tuple(defaults))
-        options = {name: _typed(name, value, defaults[name]) for name, value in options.items()}
-    world = open_world(name, **options)
-    if isinstance(world, Intersection):  # refuse what would need too much memory or time
-        built, vehicles = world.options, "initial_vehicle_count and duration"
+            one_of(f"option of {name}", option, tuple(known))
+        options = {name: _typed(name, value, known[name]) for name, value in options.items()}
+    world: Any = build(name, options)
+    if world.agents > 1:
+        raise UserError(
+            f"{world.agents} agents are driven by `socialiq population`, and an audit is of one: "
+            "leave agents out"
+        )
+    if base(name) == INTERSECTION:  # refuse what would need too much memory or time
+        built = world.options
+        vehicles = "initial_vehicle_count and duration"
         for what, value, most in (
             ("observed_vehicles", built.observed_vehicles, MOST_VEHICLES),
             (f"vehicles of an episode ({vehicles})", built.capacity, MOST_VEHICLES),
@@ -88,7 +101,7 @@ def scenario_sha256(world: World) -> str:
 def identity(world: World) -> dict[str, str]:
     """Return the identity of a world, by field of the declaration.
 
-    The reward's hash is of the weights and units that define r_env and r_social, as JSON with
+    The reward's hash covers the weights and units that define r_env and r_social, as JSON with
     sorted keys. Two worlds with equal ones give the same rewards for the same event, whatever their
     traffic. Those of an environment have the hashes of its code.
     """
@@ -102,10 +115,10 @@ def identity(world: World) -> dict[str, str]:
 
 
 def check_options(options: Mapping[str, Any]) -> None:
-    """Check that options of an environment, whose types are not known, are of moderate size.
+    """Check that options of an environment, whose types are not known, have a moderate size.
 
     Raises:
-        UserError: If one is not text, a boolean, a number or a list of numbers.
+        UserError: If one is too large, or is not text, a boolean, a number or a list of numbers.
     """
     for option, value in options.items():
         default = 0.0 if type(value) is float else value
@@ -176,7 +189,8 @@ class Clip:
     def largest_loss(self, angle: float) -> float:
         """Return the most by which R(α) of two drivers differs in an episode; α in degrees."""
         env, social = exact_weights(angle)
-        (low, high), (least, most) = self.r_env, self.r_social
+        low, high = self.r_env
+        least, most = self.r_social
         return abs(env) * (high - low) + abs(social) * (most - least)
 
 
@@ -208,7 +222,13 @@ class Bound:
 
     @staticmethod
     def of(name: str, limit: float, limits: Sequence[float] | None = None) -> Bound:
-        """Return the bound of a field by its name, as max_delay."""
+        """Return the bound of a field by its name, as max_delay.
+
+        Args:
+            name: Name of the field, as max_delay: a side of `fields.SIDES` and a quantity.
+            limit: Limit of the mean.
+            limits: Range within which an episode counts; None for an event.
+        """
         side, _, quantity = name.partition("_")
         ends = None if limits is None else (limits[0], limits[1])
         return Bound(quantity, fields.SIDES[side], limit, ends)
@@ -223,15 +243,18 @@ class Bound:
 
 def measured_in(world: str) -> dict[str, str]:
     """Return the unit of each effect that a world of this name measures; none where it can't."""
-    if world in GRIDWORLDS:
-        return {"delay": "cells"} | ({"waiting": "steps"} if world in CROSSWALKS else {})
+    name = base(world)
+    walks = parse(world).walks
+    if name in GRIDS:
+        return {"delay": "cells"} | ({"waiting": "steps"} if walks else {})
     if in_sumo(world):
         return {name: fields.QUANTITIES[name].unit for name in IN_SUMO}
-    is_road = world in INTERSECTIONS[:2] or is_recorded(world) or scene_named(world) is not None
+    discrete = name == INTERSECTION and not parse(world).control
+    is_road = discrete or is_recorded(world) or scene_named(world) is not None
     return {
         name: fields.QUANTITIES[name].unit
         for name in QUANTITIES
-        if world in WALKED or (is_road and fields.QUANTITIES[name].of == "vehicles")
+        if walks or (is_road and fields.QUANTITIES[name].of == "vehicles")
     }
 
 
@@ -319,14 +342,23 @@ class Traffic(NamedTuple):
 
 
 def other_traffic(profile: Profile, shifts: Sequence[str] = ()) -> tuple[Traffic, ...]:
-    """Return the other traffic of the declared world, or shifts; `UserError` if it has none."""
+    """Return further traffic of the declared world, or the declared world with shifts.
+
+    Args:
+        profile: The declaration.
+        shifts: Shifts of a road, each another traffic; none for the world's variants.
+
+    Raises:
+        UserError: If the world has one traffic only, a shift is unknown, or a rule is declared.
+    """
     declared = profile.scenario
     if profile.rule is not None:
         raise UserError("a declared rule is not tested in other traffic: leave out --shift")
     # Making an environment may run code; it has one traffic only.
-    variants = profile.world().other_traffic() if declared.world in NAMES else {}
+    variants = profile.world().other_traffic() if base(declared.world) in KNOWN else {}
     if shifts:
-        one_of("world with shifts", declared.world, INTERSECTIONS)
+        if not (is_road(base(declared.world)) or is_recorded(declared.world)):
+            raise UserError(f"{one_line(declared.world)} is no road with shifts: leave out --shift")
         variants = {f"the shift {text}": {"shift": text} for text in shifts}
     if not variants:
         raise UserError(f"{declared.world} has one traffic only: leave out --shift")

@@ -15,8 +15,8 @@ from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile, 
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.registry import GRIDWORLDS, NAMES, refuse_file
+from socialiq.worlds.catalogue import GRIDS, KNOWN, ROADS, base
+from socialiq.worlds.files import refuse_file
 from socialiq.worlds.situation import check_rule
 from socialiq.worlds.world import World
 
@@ -25,14 +25,16 @@ _LONGEST_LINE = 1300  # characters: a text of the longest, all of it escaped
 _MOST_DOTS = 250
 
 
-def load(path: Path) -> Profile:
-    """Read a declaration from a TOML file of at most 64 KiB.
+def load(path: Path | Profile) -> Profile:
+    """Read a declaration from a TOML file of at most 64 KiB; return a `Profile` as it is.
 
     Raises:
         UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
             or wrong, or its day has not come anywhere on Earth; the message names file, line number
             and correction.
     """
+    if isinstance(path, Profile):
+        return path
     if not path.exists():
         raise UserError(f"no such file: {path}: `socialiq profile new` writes one")
     with open_file(path) as file:
@@ -45,7 +47,15 @@ def load(path: Path) -> Profile:
 
 
 def parse(content: bytes, name: str = "profile.toml") -> Profile:
-    """Read a declaration from the bytes of a file, which has this name in messages (`load`)."""
+    """Read a declaration from the bytes of a file.
+
+    Args:
+        content: Bytes of the file, which become the profile's `source`.
+        name: Name of the file in messages.
+
+    Raises:
+        UserError: As `load`, except for the day.
+    """
     if len(content) > LARGEST_FILE:
         raise UserError(f"{name} has more than {LARGEST_FILE} bytes: a profile is a short text")
     try:
@@ -65,7 +75,8 @@ class _Reader:
     """Reader of one file; its errors name the line of the field."""
 
     def __init__(self, text: str, name: str) -> None:
-        self._text, self._name = text, name
+        self._text = text
+        self._name = name
         for number, line in enumerate(text.split("\n"), 1):
             # A dotted key takes `tomllib` time that grows with the square of its parts, and a
             # number of thousands of digits makes it raise something else.
@@ -97,9 +108,11 @@ class _Reader:
                 if key not in keys:
                     self._unknown(f"{name}.{key}", keys)
         values = {field.path: self._value(field) for field in fields.FIELDS}
-        clip, caused = self._checked_margins(values), self._checked_bounds(values)
+        clip = self._checked_margins(values)
+        caused = self._checked_bounds(values)
         self._check_scenario(values)
-        rule, content = None, values.pop(fields.RULE)
+        rule = None
+        content = values.pop(fields.RULE)
         if content is not None:
             try:
                 rule = AngleRule.of(content)
@@ -125,23 +138,26 @@ class _Reader:
 
     def _checked_bounds(self, values: Mapping[str, Any]) -> tuple[Bound, ...]:
         """Check the bounds of what the policy causes; return those that are declared."""
-        bounds, world = list[Bound](), values["scenario.world"]
+        bounds = list[Bound]()
+        world = values["scenario.world"]
         paths = [path for path, value in values.items() if value is not None]
         for path in (path for path in paths if path.startswith(f"{fields.CAUSED}.")):
-            name, limit = path.rpartition(".")[2], values[path]
+            name = path.rpartition(".")[2]
+            limit = values[path]
             quantity = re.sub("^(max|min)_|_range$", "", name)
             first = f"{fields.CAUSED}.max_{quantity}"
             measured = declared.measured_in(world)
             if quantity not in measured:
                 able = "only " + ", ".join(measured) if measured else "no effects"
-                roads = ", ".join(("intersection", *SCENES))
+                roads = ", ".join(ROADS)
                 self.refuse(path, f"{world} measures {able}: leave out {path}, or name {roads}")
             if name.endswith("_range"):
                 if not any(path.endswith(f"_{quantity}") for path in paths):
                     self.refuse(path, f"{path} is of a bound: add {first}, or leave it out")
                 continue
             range_path = f"{fields.CAUSED}.{quantity}_range"
-            limits, most = values.get(range_path), values[first]
+            limits = values.get(range_path)
+            most = values[first]
             if limits is None and measured[quantity]:
                 self.refuse(path, f"{path} needs the limits of an episode: add {range_path}")
             low, high = limits or (0.0, 1.0)
@@ -165,7 +181,8 @@ class _Reader:
             if values[f"clip.{name}"] is None and other is not None:
                 self.refuse("clip", f"clip.{name} is missing: both rewards are clipped, or none")
         clip = None if limits[0] is None else Clip(*map(tuple, limits))
-        loss, margin = values["margin.largest_loss"], values["margin.regret"]
+        loss = values["margin.largest_loss"]
+        margin = values["margin.regret"]
         if loss is not None and clip is not None:
             self.refuse("margin.largest_loss", "[clip] gives the largest loss: leave one out")
         least = loss if clip is None else clip.largest_loss(values["angle"])
@@ -182,7 +199,7 @@ class _Reader:
                 self.refuse(
                     "margin.width", "a width is of one angle from 0 to 90: leave out margin.width"
                 )
-            if clip is None and values["scenario.world"] not in GRIDWORLDS:
+            if clip is None and base(values["scenario.world"]) not in GRIDS:
                 self.refuse("margin.width", "margin.width needs limits of the rewards: add [clip]")
         return clip
 
@@ -218,14 +235,15 @@ class _Reader:
 
     def _check_scenario(self, values: Mapping[str, Any]) -> None:
         """Check that the world exists and has the declared hashes."""
-        name, options = values["scenario.world"], values["scenario.options"]
+        name = values["scenario.world"]
+        options = values["scenario.options"]
         for option in options:
             if not re.fullmatch("[a-z0-9_]{1,40}", option):
                 self.refuse("scenario.options", f"{_quoted(option)} is not the name of an option")
         # Making an environment may run code: only `Profile.world` does it.
         world: World | None = None
         try:
-            if name in NAMES:
+            if base(name) in KNOWN:
                 world = declared.world_of(name, options)
             else:
                 declared.check_options(options)
@@ -289,15 +307,23 @@ _KEY = re.compile(r"^\s*([A-Za-z0-9_\-\"'. ]+?)\s*=")
 
 
 def line_of(text: str, path: str) -> int:
-    """Return the number of the line, from 1, on which a field begins: table and key with a dot.
+    """Return the number of the line, from 1, on which a field begins.
 
-    Of a field that is missing, or hidden in an inline table, it is the line of the innermost table
-    around it, and 1 if that is missing too. Exact for files without multi-line strings, which a
-    profile refuses.
+    The result is exact for files without multi-line strings, which a profile refuses.
+
+    Args:
+        text: Text of the file.
+        path: Table and key of the field, joined by a dot.
+
+    Returns:
+        Line of the field. For a field that is missing, or hidden in an inline table, it is the line
+        of the innermost table around it, and 1 if that is missing too.
     """
-    table, lines = "", {}
+    table = ""
+    lines = {}
     for number, line in enumerate(text.split("\n"), 1):
-        header, key = _TABLE.match(line), _KEY.match(line)
+        header = _TABLE.match(line)
+        key = _KEY.match(line)
         if header:
             table = _bare_key(header[1])
             lines.setdefault(table, number)

@@ -16,8 +16,10 @@ from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.highway.effects import CAUSED as MEASURED
-from socialiq.worlds.registry import CROSSWALKS, WALKED, spelled_out
+from socialiq.worlds import grammar
+from socialiq.worlds.catalogue import GRIDS, base
+from socialiq.worlds.grammar import declared as spelled_out
+from socialiq.worlds.road_users import ROAD_USERS
 from socialiq.worlds.world import World
 
 _WIDTH = 88
@@ -47,29 +49,39 @@ def floor_at(angle: float) -> Floor:
     return replace(FLOOR, min_arrival=arrival, max_timeout=round(1.0 - arrival, 9))
 
 
-LIMITS = {"max_delay": 25.0, "max_waiting": 3.0, "max_pedestrian_hit": 0.02}
+MOST_DELAY = 25.0
 GRID_LIMITS = {"max_delay": 2.5, "max_waiting": 0.75}
-"""Default bounds of effects by class where pedestrians cross, on a road and in a gridworld, by
-field (docs/audit.md#bounds-of-effects). Those of pedestrians are the same for every angle."""
+"""Default bounds of effects where pedestrians cross: of the delay of vehicles on a road, m, and by
+field in a gridworld (docs/audit.md#bounds-of-effects). Those of people on a road are in the table
+`road_users.ROAD_USERS`, and are the same for every angle."""
 
 
-OF_CYCLISTS = {"max_cyclist_delay": 1.5, "max_cyclist_hit": 0.02}
-"""The same where cyclists ride."""
+def limits_at(
+    world: str, angle: float, options: Mapping[str, Any] | None = None
+) -> dict[str, float]:
+    """Return the default bounds of effects.
 
+    A policy whose floor asks for no arrivals may cost vehicles on a road three times as much.
 
-def limits_at(world: str, angle: float, rides: bool = False) -> dict[str, float]:
-    """Return the default bounds of effects in a world at an angle in degrees.
+    Args:
+        world: Name of the world.
+        angle: Declared angle in degrees.
+        options: Options of the world by name; a class but the first has bounds if its rate is
+            above 0.
 
-    Who never has to arrive may cost vehicles on a road three times as much.
+    Returns:
+        Limits by name of the field in `[caused]`; none where no pedestrians cross.
     """
-    if world not in WALKED:
-        return GRID_LIMITS if world in CROSSWALKS else {}
+    if not grammar.parse(world).walks:
+        return {}
+    if base(world) in GRIDS:
+        return GRID_LIMITS
     waits = floor_at(angle).min_arrival == 0.0
-    delay = {"max_delay": 3 * LIMITS["max_delay"]} if waits else {}
-    return LIMITS | delay | (OF_CYCLISTS if rides else {})
-
-
-_WALKED = tuple(name for name in WALKED if not name.endswith(MEASURED))
+    limits = {"max_delay": 3 * MOST_DELAY if waits else MOST_DELAY}
+    for number, user in enumerate(ROAD_USERS):
+        if number == 0 or (options or {}).get(user.rate):
+            limits |= {f"max_{user.delay}": user.most_delay, f"max_{user.name}_hit": user.most_hit}
+    return limits
 
 
 class Usual(NamedTuple):
@@ -86,9 +98,9 @@ USUAL = {
     "intersection-caused": Usual(0.5, 30.0, 0.075, Clip((-8.0, 12.0), (-30.0, 30.0))),
     "crossing5": Usual(0.15, 15.0, 0.075),
     "crossing7": Usual(0.5, 15.0, 0.075),
-    **dict.fromkeys(CROSSWALKS, Usual(0.5, 15.0, 0.075)),
+    "crosswalk7": Usual(0.5, 15.0, 0.075),
     # No episode of the shipped dial is beyond.
-    **{name: Usual(0.5, None, 0.075, Clip((-30.0, 12.0), (-30.0, 12.0))) for name in _WALKED},
+    "intersection-crosswalk": Usual(0.5, None, 0.075, Clip((-30.0, 12.0), (-30.0, 12.0))),
 }
 """Defaults by world (docs/audit.md#the-defaults); elsewhere no reference dial is shipped."""
 
@@ -98,9 +110,16 @@ the dial drives nearly alike from 0 to 60 degrees."""
 
 
 def usual_in(world: str, options: Mapping[str, Any]) -> Usual:
-    """Return the defaults in a world with its options (`spelled_out`)."""
+    """Return the defaults of a declaration in a world.
+
+    Args:
+        world: Name of the world.
+        options: Options of the world, spelled out (`spelled_out`).
+    """
+    world = spelled_out(world)[0]
     usual = USUAL.get(world, Usual(1.0))
-    if world not in _WALKED or options.get("cyclist_rate"):  # the dial sees no cyclists
+    further = any(options.get(user.rate) for user in ROAD_USERS[1:])
+    if world != "intersection-crosswalk" or further:  # the dial sees the first class alone
         return usual
     widths = (width for last, width in _WIDTHS if options["class_angle"] <= last)
     return usual._replace(width=next(widths, None))
@@ -140,11 +159,8 @@ def declare(
         UserError: If a value is invalid, as in `reader.parse`.
     """
     world, options = spelled_out(world, options or {})
-    options_as_lists = {
-        name: list(option) if isinstance(option, tuple) else option
-        for name, option in sorted(options.items())
-    }
-    built = declared.world_of(world, options_as_lists, allow_code)
+    options = dict(sorted(options.items()))
+    built = declared.world_of(world, options, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
         "angle": angle,
@@ -153,14 +169,15 @@ def declare(
         "date": date,
         **declared.identity(built),
         "scenario.world": world,
-        "scenario.options": options_as_lists,
+        "scenario.options": options,
         RULE: rule,
     }
     for table, limits in (("margin", margin), ("competence", competence), ("clip", clip)):
         fields = {} if limits is None else vars(limits)
         values |= {f"{table}.{name}": value for name, value in fields.items()}
     for bound in caused:
-        values[bound.path], values[f"{CAUSED}.{bound.quantity}_range"] = bound.limit, bound.range
+        values[bound.path] = bound.limit
+        values[f"{CAUSED}.{bound.quantity}_range"] = bound.range
     return parse(_text(values).encode())
 
 
@@ -208,10 +225,17 @@ _DIGITS = 4  # to which the limit is rounded up, so that a profile shows a short
 def possible_loss(world: World, angle: float) -> float | None:
     """Return the most by which R(α) of two drivers can differ in one episode, rounded up.
 
-    It is the range of R(α) over all drivers and episodes at an angle in degrees: exact in a
-    gridworld; at the intersection from the limits of each signal, the largest number of vehicles
-    and the time limit. It is None where the limits are not known: in an environment, at a recorded
-    junction, and where the ego steers along a turn.
+    It is the range of R(α) over all drivers and episodes. It is exact in a gridworld; at the
+    intersection it follows from the limits of each signal, the largest number of vehicles and the
+    time limit.
+
+    Args:
+        world: The world.
+        angle: Angle α in degrees.
+
+    Returns:
+        Reward of an episode, rounded up to four digits. None where the limits are not known: in an
+        environment, at a recorded junction, and where the ego steers along a turn.
     """
     difference = world.largest_difference(exact_weights(angle))
     if difference is None or difference <= 0.0:

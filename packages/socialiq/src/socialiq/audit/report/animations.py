@@ -16,13 +16,13 @@ import numpy as np
 
 from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
-from socialiq.worlds import scene_named
+from socialiq.worlds.catalogue import GRIDS, INTERSECTION, base, scene_named
 from socialiq.worlds.highway import shapes
-from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
-from socialiq.worlds.highway.network import APPROACH, EXIT
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
+from socialiq.worlds.highway.network import APPROACH, EXIT, LANE_WIDTH
 from socialiq.worlds.highway.scenes import scene_of
 from socialiq.worlds.intersection.views import JUNCTION
-from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
+from socialiq.worlds.registry import make_grid
 
 HELD = 1.5  # seconds for which the last frame is held before the picture begins again
 _BESIDE = 8.0  # m around what is shown of a scene
@@ -91,14 +91,18 @@ def moving(report: Mapping[str, Any]) -> list[MovingPicture]:
 @functools.cache
 def ground_of(world: str) -> Ground | None:
     """Return the ground of a world, None for an environment of other code."""
-    if world in GRIDWORLDS:
+    if base(world) in GRIDS:
         size = make_grid(world).size
-        middle, end = (size - 1) / 2, size - 0.5
-        low, high = middle - 0.5, middle + 0.5
+        middle = (size - 1) / 2
+        end = size - 0.5
+        low = middle - 0.5
+        high = middle + 0.5
         road = f"M-.5 {low:g} H{end:g} V{high:g} H-.5 Z M{low:g} -.5 H{high:g} V{end:g} H{low:g} Z"
         return Ground((-0.5, -0.5, size, size), road, 0.74, 0.44, 0.02)
-    if world in INTERSECTIONS:
-        side, far, stop = LANE_WIDTH, 60.0, JUNCTION
+    if base(world) == INTERSECTION:
+        side = LANE_WIDTH
+        far = 60.0
+        stop = JUNCTION
         bend = f"A{stop - side:g} {stop - side:g} 0 0"
         road = (  # two roads with round corners, clockwise from the northern arm
             f"M{side:g} {-far:g} V{-stop:g} {bend} 0 {stop:g} {-side:g} H{far:g} V{side:g} "
@@ -116,9 +120,11 @@ def ground_of(world: str) -> Ground | None:
     lines = [shapes.way(highway.lanes[entry["lane"]], float(entry["along"]))[:1]]
     lines += [shapes.way(lane) for lane in highway.lanes if APPROACH < lane["kind"] < EXIT]
     points = np.concatenate(lines)
-    first, last = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
+    first = points.min(axis=0) - _BESIDE
+    last = points.max(axis=0) + _BESIDE
     follows = last - first > _WIDEST
-    first, last = np.where(follows, -_FOLLOWED / 2, first), np.where(follows, _FOLLOWED / 2, last)
+    first = np.where(follows, -_FOLLOWED / 2, first)
+    last = np.where(follows, _FOLLOWED / 2, last)
     left, top, wide, deep = np.round([*first, *(last - first)], 1).tolist()
     outlines = []
     for lane in highway.lanes:
@@ -128,7 +134,8 @@ def ground_of(world: str) -> Ground | None:
         edge, right = shapes.edges(points, LANE_WIDTH)
         strip = np.concatenate([right, edge[::-1]]).round(1).tolist()
         outlines.append(path([(x, y) for x, y in strip], closed=True))
-    view, along = (left, top, wide, deep), (bool(follows[0]), bool(follows[1]))
+    view = left, top, wide, deep
+    along = bool(follows[0]), bool(follows[1])
     return Ground(view, " ".join(outlines), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2, along)
 
 
@@ -195,8 +202,17 @@ _TURN = 3.0  # degrees, largest error of a heading between keyframes
 
 
 def simplified(way: Sequence[Pose], tolerance: float) -> list[int]:
-    """Return the frames between which motion is uniform: Douglas and Peucker over the time."""
-    frames, open_parts = {0, len(way) - 1}, [(0, len(way) - 1)]
+    """Return the frames between which motion is uniform: Douglas and Peucker over the time.
+
+    Args:
+        way: Pose of the vehicle in each frame.
+        tolerance: Largest error of a place between two of the frames, in the unit of the poses.
+
+    Returns:
+        Numbers of frames, rising; the first and the last one are among them.
+    """
+    frames = {0, len(way) - 1}
+    open_parts = [(0, len(way) - 1)]
     while open_parts:
         start, end = open_parts.pop()
         errors = []

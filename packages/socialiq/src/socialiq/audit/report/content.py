@@ -22,8 +22,7 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
-from socialiq.worlds import in_sumo
-from socialiq.worlds.registry import GRIDWORLDS, NAMES
+from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
 
 FORMAT = 3
 
@@ -64,7 +63,12 @@ class Audited:
     started: datetime.datetime
 
     def references(self, left_out: bool) -> list[dict[str, Any]]:
-        """Return the rows of the references that are left out, or of the others."""
+        """Return the rows of the references that are the policy itself, or of those that are not.
+
+        Args:
+            left_out: Whether to return those that are the policy itself, which are left out of the
+                test.
+        """
         return [
             driver_row(reference, self.profile.angle) | {"record": self.records.get(reference.name)}
             for reference in self.evidence[0].references
@@ -89,10 +93,12 @@ def results_of(audited: Audited) -> Results:
     the bounds.
 
     Raises:
-        UserError: If the evidence is of another scenario.
+        UserError: If the evidence belongs to another scenario.
     """
-    profile, look = audited.profile, audited.look
-    seed, error = audited.drawn.derived("resampling"), None if look is None else look.error
+    profile = audited.profile
+    look = audited.look
+    seed = audited.drawn.derived("resampling")
+    error = None if look is None else look.error
     compared, *there = [drives.without(audited.left_out) for drives in audited.evidence]
     line = {"error": error, "directed": audited.evidence[0]}
     discrimination = judged.discriminate(profile, compared, seed, **line)
@@ -115,8 +121,11 @@ def results_of(audited: Audited) -> Results:
 
 def content(audited: Audited) -> dict[str, Any]:
     """Judge, and return the report as one JSON object, which `report.schema.json` describes."""
-    profile, look, angle = audited.profile, audited.look, audited.profile.angle
-    results, evidence = results_of(audited), audited.evidence[0]
+    profile = audited.profile
+    look = audited.look
+    angle = audited.profile.angle
+    results = results_of(audited)
+    evidence = audited.evidence[0]
     verdict = results.verdict
     episodes = {
         kind: [
@@ -172,16 +181,18 @@ def content(audited: Audited) -> dict[str, Any]:
 
 
 def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
-    profile, regret = audited.profile, results.verdict.regret
+    profile = audited.profile
+    regret = results.verdict.regret
     world = profile.scenario.world
     # Making an environment may run code; its limits are not known anyway.
-    limited = world in NAMES and profile.rule is None
+    limited = base(world) in KNOWN and profile.rule is None
     possible = possible_loss(profile.world(), profile.angle) if limited else None
     traces = [trace for rows in audited.traces.values() for trace in rows]
     # In an environment nothing is run again; a policy that draws its actions may draw others.
-    repeated = traces if world in NAMES and audited.deterministic else []
+    repeated = traces if base(world) in KNOWN and audited.deterministic else []
     equal = sum(trace is not None for trace in repeated)
-    driven, known = audited.evidence[0].policy, audited.evidence[0].drivers[1:]
+    driven = audited.evidence[0].policy
+    known = audited.evidence[0].drivers[1:]
     rows = [row for row in known if row.name not in audited.left_out]
     equals = [words.plain_name(row.name, row.angles) for row in rows if driven.drove_as(row)]
     return [
@@ -217,7 +228,8 @@ def _shift(results: Results, elsewhere: Sequence[Evidence]) -> dict[str, Any] | 
 
 def _declaration(profile: Profile) -> dict[str, Any]:
     """Return the declaration; there are no fields of a rule or of bounds that it lacks."""
-    declared, rule = {**vars(profile), "sha256": profile.sha256}, profile.rule
+    declared = {**vars(profile), "sha256": profile.sha256}
+    rule = profile.rule
     del declared["rule"], declared["source"]
     if not profile.caused:
         del declared["caused"]
@@ -227,8 +239,14 @@ def _declaration(profile: Profile) -> dict[str, Any]:
 
 
 def seeds_of(draw: Draw, episodes: int) -> dict[str, Any]:
-    """Return the section `seeds` of the report."""
-    revealed, beacon = draw.revealed, None
+    """Return the section `seeds` of the report.
+
+    Args:
+        draw: Commitment and seed.
+        episodes: Number of episodes of every driver.
+    """
+    revealed = draw.revealed
+    beacon = None
     if isinstance(revealed, Round):
         beacon = {
             "chain_sha256": CHAIN,
@@ -250,8 +268,16 @@ def seeds_of(draw: Draw, episodes: int) -> dict[str, Any]:
 
 
 def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
-    """Return one driver's means; `value` is the mean R(α) at the declared angle in degrees."""
-    caused = {name: driver.beside[name].mean() for name in QUANTITIES if name in driver.beside}
+    """Return one driver's means.
+
+    Args:
+        driver: Episodes of the driver.
+        angle: Declared angle in degrees, for `value`, the mean R(α).
+
+    Returns:
+        Name, angles, mean rewards and shares of events; `caused` if effects were measured.
+    """
+    caused = {name: driver.episodes[name].mean() for name in QUANTITIES if name in driver.measured}
     return {
         "name": driver.name,
         "angles": driver.angles,
@@ -260,17 +286,22 @@ def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
         "value": float(driver.values(angle).mean()),
         "expected": driver.expected,
         **{name: float(happened.mean()) for name, happened in events_of(driver).items()},
-        "decisions": float(driver.length.mean()),
+        "decisions": float(driver.episodes.length.mean()),
         **({"caused": caused} if caused else {}),
     }
 
 
 def limits(world: str, effects: bool = False) -> list[str]:
-    """Return the limits that apply in a world of this name, with bounds of effects or without."""
+    """Return the limits of an audit in a world, as sentences.
+
+    Args:
+        world: Name of the world.
+        effects: Whether bounds of effects are declared.
+    """
     texts = words.stated()["limits"]
-    applying = [*texts["exact" if world in GRIDWORLDS else "sampled"], *texts["always"]]
-    if effects and world not in GRIDWORLDS:
+    applying = [*texts["exact" if base(world) in GRIDS else "sampled"], *texts["always"]]
+    if effects and base(world) not in GRIDS:
         applying += texts["simulated" if in_sumo(world) else "effects"]
     if is_recorded(world):
         return [*texts["recorded"], *applying]
-    return applying if world in NAMES else [*texts["unknown"], *applying]
+    return applying if base(world) in KNOWN else [*texts["unknown"], *applying]

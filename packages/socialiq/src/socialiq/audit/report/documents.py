@@ -1,4 +1,4 @@
-"""Documents beside a report: credibility of the simulation, tree of claims, bill of materials.
+"""Further documents of a report: credibility of the simulation, tree of claims, bill of materials.
 
 Simulation is evidence as far as its scope, its assumptions, its uncertainty and its validation are
 known. This module has the facts about the package's own worlds; an environment's are its owner's.
@@ -16,9 +16,9 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
-from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, NAMES
+from socialiq.worlds.catalogue import GRIDS, INTERSECTION, KNOWN, base
 
-INTERSECTION, CONTINUOUS = "intersection", "intersection with continuous actions"
+CONTINUOUS = "intersection with continuous actions"
 JUNCTION = "recorded junction"
 
 
@@ -41,8 +41,8 @@ def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
     """
     scenario = report["declaration"]["scenario"]
     world = scenario["world"]
-    kind = "gridworld" if world in GRIDWORLDS else "environment"
-    if world in INTERSECTIONS:
+    kind = "gridworld" if base(world) in GRIDS else "environment"
+    if base(world) == INTERSECTION:
         kind = INTERSECTION if world == INTERSECTION else CONTINUOUS
     if is_recorded(world):
         kind = JUNCTION
@@ -80,10 +80,11 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
     floor = joint_decision(Decision(test["decision"]) for test in tests["competence"]).value
     bounded = "caused" in report["declaration"]
     limits = f"The safety floor {'and the bounds of effects are' if bounded else 'is'} kept"
-    verdict, regret = report["verdict"]["decision"], tests["regret"]["decision"]
+    verdict = report["verdict"]["decision"]
+    regret = tests["regret"]["decision"]
     verdict = "inconclusive" if verdict == "pass" and not shows_angle(report) else verdict
     strata: tuple[Status, str] = ("supported", "report.json: strata")
-    if not report["strata"] and world not in NAMES:
+    if not report["strata"] and base(world) not in KNOWN:
         strata = _NO_EVIDENCE, "to be filled by the owner of the environment: no kinds are known"
     return [
         Claim(
@@ -152,10 +153,13 @@ def materials(report: Mapping[str, Any]) -> bytes:
 
     Training data are not known to an audit, so they are left out.
     """
-    record, declared = report["policy"]["record"], report["declaration"]
-    verdict, hashes = report["verdict"], report["hashes"]
+    record = report["policy"]["record"]
+    declared = report["declaration"]
+    verdict = report["verdict"]
+    hashes = report["hashes"]
     is_file = record["kind"] not in _CODE
-    regret, competence = report["tests"]["regret"], report["tests"]["competence"]
+    regret = report["tests"]["regret"]
+    competence = report["tests"]["competence"]
     angle = f"{declared['angle']:g} degrees"
     name = f"regret at {regret['angle']:g} degrees per episode"
     if "angle_rule" in declared:

@@ -22,8 +22,11 @@ from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.policies.interface import sha256_of
 from socialiq.storage import write_atomically
 
-REPORT, EVIDENCE, PROFILE = "report.json", "episodes.csv", "profile.toml"
-MANIFEST, STATEMENT = "MANIFEST.sha256", "statement.intoto.json"
+REPORT = "report.json"
+EVIDENCE = "episodes.csv"
+PROFILE = "profile.toml"
+MANIFEST = "MANIFEST.sha256"
+STATEMENT = "statement.intoto.json"
 
 SIGNATURES = "statement.dsse.json"
 """Envelope of the signed statement. It is made after the manifest, which does not list it."""
@@ -34,7 +37,12 @@ _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 
 
 def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return files by path with their statement, and the manifest of all these."""
+    """Return files by path with their statement, and the manifest of all these.
+
+    Args:
+        files: Content of the files by path.
+        report: Content of `report.json`.
+    """
     subjects = {**files, STATEMENT: statement(files, report)}
     return {**subjects, MANIFEST: manifest(subjects)}
 
@@ -46,7 +54,15 @@ def manifest(files: Mapping[str, bytes]) -> bytes:
 
 
 def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
-    """Return the in-toto Statement v1 that these files are the result of this audit."""
+    """Return the in-toto Statement v1 that these files are the result of this audit.
+
+    Args:
+        files: Content of the files by path; `SEALS` are no subjects of the statement.
+        report: Content of `report.json`.
+
+    Returns:
+        JSON text in UTF-8.
+    """
     verdict = {key: report["verdict"][key] for key in ("decision", "reason", "episodes")}
     content = {
         "_type": _STATEMENT_TYPE,
@@ -79,8 +95,11 @@ def files_of(
 ) -> dict[str, bytes]:
     """Return the content of all files by path, with manifest and statement.
 
-    The declaration is copied byte by byte; the first evidence is that of the verdict, then comes
-    that of each other traffic.
+    Args:
+        report: Content of `report.json`.
+        profile: The declaration, which is copied byte by byte.
+        evidence: Evidence of the verdict, then that of each other traffic.
+        films: Films by path; none by default.
     """
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     files = {
@@ -135,6 +154,10 @@ def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
 def check_target(folder: Path, replace: bool) -> None:
     """Refuse an output folder before any work is done.
 
+    Args:
+        folder: Folder to write.
+        replace: Whether an earlier report in the folder may be replaced.
+
     Raises:
         UserError: If it has content and may not be replaced, has files that are not of a report,
             or can't be made.
@@ -155,7 +178,16 @@ def check_target(folder: Path, replace: bool) -> None:
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> None:
-    """Write all files of a report by path, or leave the folder as it was (`check_target`)."""
+    """Write all files of a report by path, or leave the folder as it was (`check_target`).
+
+    Args:
+        folder: Folder to write.
+        files: Content of the files by path.
+        replace: Whether an earlier report in the folder is replaced.
+
+    Raises:
+        UserError: As `check_target`, or if a file can't be written.
+    """
     check_target(folder, replace)
     with whole_folder(folder, replace) as target:
         for name, content in files.items():

@@ -42,8 +42,14 @@ class Scale:
 
     @staticmethod
     def over(points: Sequence[tuple[float, float]], box: Box) -> Scale:
-        """Return the largest scale with all points inside, centred."""
-        wide, high = box.right - box.left, box.bottom - box.top
+        """Return the largest scale with all points inside, centred.
+
+        Args:
+            points: Points (x, y) in units of reward.
+            box: Position of the axes in the picture.
+        """
+        wide = box.right - box.left
+        high = box.bottom - box.top
         lows = [min(axis) for axis in zip(*points, strict=True)]
         highs = [max(axis) for axis in zip(*points, strict=True)]
         spans = [max(high - low, 1e-3) for low, high in zip(lows, highs, strict=True)]
@@ -53,23 +59,43 @@ class Scale:
         return Scale(box, low, factor)
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """Place of a point."""
+        """Return the place of a point in the picture.
+
+        Args:
+            x: First coordinate, in units of reward.
+            y: Second coordinate, in units of reward.
+
+        Returns:
+            Distances from the left and from the top, in units of the picture.
+        """
         return (
             round(self.box.left + (x - self.low[0]) * self.factor, 2),
             round(self.box.bottom - (y - self.low[1]) * self.factor, 2),
         )
 
     def ticks(self, axis: int, about: int) -> list[Tick]:
-        """Return round numbers along an axis: 0 for x, 1 for y."""
+        """Return round numbers along an axis with their places.
+
+        Args:
+            axis: 0 for x, 1 for y.
+            about: Approximate number of ticks.
+        """
         box = self.box
         length = box.right - box.left if axis == 0 else box.bottom - box.top
-        low, high = self.low[axis], self.low[axis] + length / self.factor
+        low = self.low[axis]
+        high = self.low[axis] + length / self.factor
         steps = round_steps(low, high, about)
         return [Tick(self.at(number, number)[axis], text) for number, text in steps]
 
 
 def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, str]]:
-    """Return some round numbers between two, with their texts."""
+    """Return some round numbers between two, with their texts.
+
+    Args:
+        low: Lower end.
+        high: Upper end, above the lower one.
+        about: Largest number of steps between the ends, approximately.
+    """
     least = (high - low) / about
     power = 10.0 ** math.floor(math.log10(least))
     # The smallest of 1, 2, 5 times a power of ten that is not below the distance asked for.
@@ -80,7 +106,12 @@ def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, st
 
 
 def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
-    """Return straight lines through places as an SVG path."""
+    """Return straight lines through places as an SVG path.
+
+    Args:
+        points: Places (x, y), at least one.
+        closed: Whether a line leads back to the first place.
+    """
     text = "M" + " L".join(f"{x:g} {y:g}" for x, y in points)
     return text + " Z" if closed else text
 
@@ -122,9 +153,11 @@ def means(report: Mapping[str, Any]) -> Panel:
     """Return the means of the policy and all references, with the declared direction."""
     region = _ellipse(report["tests"]["identifiability"])
     references = [_of(row) for row in report["references"]]
-    mean, angle = _of(report["policy"]["means"]), report["declaration"]["angle"]
+    mean = _of(report["policy"]["means"])
+    angle = report["declaration"]["angle"]
     scale = scale_of(report)
-    box, reach = scale.box, 0.42 * max(math.hypot(*point) for point in [*references, mean])
+    box = scale.box
+    reach = 0.42 * max(math.hypot(*point) for point in [*references, mean])
     tip = reach * math.cos(math.radians(angle)), reach * math.sin(math.radians(angle))
     for _ in range(200):  # until it is inside the axes
         x, y = scale.at(*tip)
@@ -171,7 +204,8 @@ def front(points: Sequence[Point]) -> list[Point]:
     """Return the points that are best at angles from 0 to 90 degrees, in the order of angles."""
     best: list[Point] = []
     for degrees in range(91):
-        env, social = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        env = math.cos(math.radians(degrees))
+        social = math.sin(math.radians(degrees))
         # Where one weight is 0, ties are broken by the other reward.
         leader = max(points, key=lambda row: env * row[0] + social * row[1] + 1e-9 * sum(row))
         if leader not in best:
@@ -198,7 +232,8 @@ def _ellipse(region: Mapping[str, Any]) -> list[Point]:
     points = []
     for step in range(_ROUND):
         turn = 2 * math.pi * step / _ROUND
-        along, across = region["major"] * math.cos(turn), region["minor"] * math.sin(turn)
+        along = region["major"] * math.cos(turn)
+        across = region["minor"] * math.sin(turn)
         env = region["env"] + along * math.cos(tilt) - across * math.sin(tilt)
         points.append((env, region["social"] + along * math.sin(tilt) + across * math.cos(tilt)))
     return points
@@ -230,7 +265,8 @@ class AnglePicture:
 
 def angles(report: Mapping[str, Any]) -> AnglePicture:
     """Return the picture of a report."""
-    test, rationalised = report["tests"]["regret"], report["tests"]["rationalised"]
+    test = report["tests"]["regret"]
+    rationalised = report["tests"]["rationalised"]
     margin = float(test["margin"])
     declared = -wrapped(-float(report["declaration"]["angle"]), 180.0)
     curve = [(angle, regret_at(report, angle)) for angle in map(float, range(-180, 181))]
@@ -271,8 +307,14 @@ def angles(report: Mapping[str, Any]) -> AnglePicture:
 
 
 def regret_at(report: Mapping[str, Any], angle: float) -> float:
-    """Return the regret at an angle in degrees, towards the best reference by the mean rewards."""
-    env, social = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    """Return the regret at an angle in degrees, towards the best reference by the mean rewards.
+
+    Args:
+        report: Content of `report.json`.
+        angle: Angle in degrees.
+    """
+    env = math.cos(math.radians(angle))
+    social = math.sin(math.radians(angle))
     rows = [report["policy"]["means"], *report["references"]]
     policy, *references = (env * row["r_env"] + social * row["r_social"] for row in rows)
     return float(max(references) - policy)

@@ -45,7 +45,8 @@ _CLAIMED = frozenset(
 
 def opened_of(report: Mapping[str, Any]) -> Opened:
     """Return the seed and the look of a report."""
-    seeds, hashes = report["seeds"], report["hashes"]
+    seeds = report["seeds"]
+    hashes = report["hashes"]
     revealed = None
     if seeds["nonce"] is not None:
         revealed = Nonce(seeds["nonce"]["value"])
@@ -63,7 +64,9 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
         UserError: If the seed is a beacon's, and the library that checks signatures is missing.
     """
     draw, look = opened_of(report)
-    revealed, faults, error = draw.revealed, [], whole_error(report["declaration"]["confidence"])
+    revealed = draw.revealed
+    faults = []
+    error = whole_error(report["declaration"]["confidence"])
     if look is not None and look.error != spend(error, look.number):
         faults.append(f"{REPORT}: the error of look {look.number} is not its share")
     if report["verdict"]["error"] != (error if look is None else look.error):
@@ -97,6 +100,13 @@ def differences_of(audited: Audited, report: Mapping[str, Any]) -> list[str]:
     Texts, decisions and counts must be equal. Other numbers may differ by `TOLERANCE`: another
     processor or version of a library adds in another order, which changes their last digits. The
     sum of a million numbers then differs by some 1e-13 of itself, and a report shows three digits.
+
+    Args:
+        audited: Result of `audited_of`.
+        report: Content of `report.json`.
+
+    Returns:
+        Paths of the places, as in `differences`; none if the report follows from its data.
     """
     fresh = json.loads(json.dumps(content(audited)))
     return differences(report, fresh, _CLAIMED, TOLERANCE)
@@ -109,7 +119,8 @@ def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited
         UserError: If its declaration can't be read, or its tables are not those of an audit.
     """
     profile = parse(files[PROFILE], PROFILE)
-    record, (draw, look) = report["policy"]["record"], opened_of(report)
+    record = report["policy"]["record"]
+    draw, look = opened_of(report)
     commitment = Commitment(record["sha256"], profile.sha256)
     draw = dataclasses.replace(draw, commitment=commitment)
     shift = report["shift"]
@@ -164,9 +175,11 @@ def _evidence_of(
         collected.append((f"shift {number}", variant.world.description, rows))
     names = [driver["name"] for driver in report["trivial"]]
     beside = [*([] if profile.rule is None else [LOSS]), *profile.effects]
-    policy, tables = report["policy"]["means"]["name"], []
+    policy = report["policy"]["means"]["name"]
+    tables = []
     for number, (purpose, description, rows) in enumerate(collected):
-        path, attributes = evidence_path(number), {}
+        path = evidence_path(number)
+        attributes = {}
         for row in rows:
             expected = None if row["expected"] is None else RewardPair(**row["expected"])
             attributes[row["name"]] = ReferenceAttributes(tuple(row["angles"]), expected)
@@ -187,12 +200,13 @@ def _evidence_of(
     # The policy's decision losses by context add up to those of its episodes.
     if CONTEXTS not in files:
         raise UserError(f"{CONTEXTS} is missing")
-    kinds, driven = len(profile.rule.contexts), tables[0].policy
+    kinds = len(profile.rule.contexts)
+    driven = tables[0].policy
     try:
         contexts = read_contexts(files[CONTEXTS], tables[0].episodes, kinds, CANDIDATES)
     except UserError as error:
         raise UserError(f"{CONTEXTS}: {error}") from error
-    if not np.array_equal(contexts.declared.sum(axis=1), driven.beside[LOSS]):
+    if not np.array_equal(contexts.declared.sum(axis=1), driven.episodes[LOSS]):
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
     driven = dataclasses.replace(driven, contexts=contexts)
     return [dataclasses.replace(tables[0], policy=driven), *tables[1:]]
@@ -215,9 +229,16 @@ def differences(
 ) -> list[str]:
     """Return the places where two reports differ, those of the verdict and its tests first.
 
-    Ignored are places, with [] for every row of a list. Two numbers that are not both integers may
-    differ by a relative part of the larger, or of 1 if both are smaller; by default they agree to
-    the last digit, as they do on the same machine with the same versions.
+    Args:
+        old: Content of one report.
+        new: Content of another.
+        ignored: Places that may differ, with [] for every row of a list.
+        relative: Part of the larger number by which two numbers that are not both integers may
+            differ, or of 1 if both are smaller. By default they agree to the last digit, as they do
+            on the same machine with the same versions.
+
+    Returns:
+        Paths as "report.verdict.decision".
     """
     paths = _differences(old, new, ignored, relative, "report")
     return sorted(paths, key=lambda path: [not path.startswith(above) for above in _FIRST])

@@ -22,8 +22,8 @@ from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Outcomes, Re
 from socialiq.audit.report.content import Audited
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.types import Ending
-from socialiq.worlds.registry import NAMES
+from socialiq.policies import drivers
+from socialiq.worlds.catalogue import KNOWN, base
 from socialiq.worlds.world import World
 
 SAMPLE = 100
@@ -53,11 +53,12 @@ def check_references(
         specs: The user's references, which a report does not hold; else they are left to believe.
         all_episodes: Whether all episodes are driven again, not a sample.
     """
-    profile, results = audited.profile, Checked([], [], [])
+    profile = audited.profile
+    results = Checked([], [], [])
     try:
         world = profile.world()
     except UserError:
-        if profile.scenario.world in NAMES:
+        if base(profile.scenario.world) in KNOWN:
             raise
         results.believed.append(f"{_POLICY}; all reference drivers of {profile.scenario.world}")
         return results
@@ -66,14 +67,16 @@ def check_references(
         angles = request.dial_angles(profile.angle, profile.margin.width)
         for number, evidence in enumerate(audited.evidence):
             there = audited.traffic[number - 1].world if number else world
-            count, rows = evidence.episodes, np.arange(evidence.episodes)
+            count = evidence.episodes
+            rows = np.arange(evidence.episodes)
             if not all_episodes and count > SAMPLE:
                 ours = evidence.policy.values(profile.angle)
                 gains = [row.values(profile.angle) - ours for row in evidence.drivers[1:]]
                 ends = [row for gain in gains for row in (gain.argmin(), gain.argmax())]
                 rng = np.random.default_rng(secrets.randbits(128))
                 rows = np.unique([*rng.choice(count, SAMPLE, replace=False).tolist(), *ends])
-            rule, is_exact = profile.rule, there.is_exact
+            rule = profile.rule
+            is_exact = there.is_exact
             dial = request.reference_dial(specs) if rule and specs and not is_exact else None
             by_rule = drive.ByRule(rule, dial) if rule else None
             side = min(drive.SIDE_BY_SIDE, count)  # as in the audit
@@ -135,11 +138,11 @@ def _check_list(
 def _agree(
     written: Mapping[str, Any] | None, fresh: Mapping[str, Any] | None, package: str
 ) -> bool:
-    """Whether two records as JSON are of one driver; a rule's hash covers the package's."""
+    """Whether two records as JSON describe one driver; a rule's hash covers the package's."""
     if written is None or fresh is None:
         return written is fresh
-    if fresh["kind"] == request.RULE:
-        fresh = {**fresh, "sha256": request.rule_sha256(fresh["source"], package)}
+    if fresh["kind"] == drivers.RULE:
+        fresh = {**fresh, "sha256": drivers.rule_sha256(fresh["source"], package)}
     return all(written[name] == fresh[name] for name in ("kind", "source", "sha256"))
 
 
@@ -147,9 +150,10 @@ def _shipped_policy(
     audited: Audited, world: World, package: str, results: Checked
 ) -> Reference | None:
     """Return the policy if it is one of the package's, whose episodes can be driven again too."""
-    record, source = audited.policy, audited.policy["source"]
-    rule = record["kind"] == request.RULE
-    if audited.profile.rule or not (rule or source.startswith(request.ATLAS)):
+    record = audited.policy
+    source = audited.policy["source"]
+    rule = record["kind"] == drivers.RULE
+    if audited.profile.rule or not (rule or source.startswith(drivers.ATLAS)):
         results.believed.append(_POLICY)
         return None
     try:
@@ -186,13 +190,15 @@ def _compare(
         if any(len(a) != len(b) or not np.allclose(a, b, _ROUNDING) for a, b in pairs):
             results.faults.append(f"the exact numbers of {fresh.name} are others")
         same = np.isclose(written.totals[rows], fresh.totals, _ROUNDING, _ROUNDING).all(axis=1)
-        same &= (written.ending[rows] == fresh.ending) & (written.length[rows] == fresh.length)
-        same &= (written.contact[rows] == fresh.contact) | (fresh.ending != Ending.COLLISION)
-        for name, column in fresh.beside.items():
-            same &= np.isclose(written.beside[name][rows], column, _ROUNDING, _ROUNDING)
+        earlier = written.episodes.rows(rows)
+        for name in ("ending", "length"):
+            same &= earlier[name] == fresh.episodes[name]
+        same &= (earlier.contact == fresh.episodes.contact) | ~fresh.episodes.collision
+        for name in fresh.measured:
+            same &= np.isclose(earlier[name], fresh.episodes[name], _ROUNDING, _ROUNDING)
         count = int((~same).sum())
         record = records.get(fresh.name)
-        network = record is not None and record["kind"] != request.RULE
+        network = record is not None and record["kind"] != drivers.RULE
         # Another processor changes last digits of a network, and so about one action in a million.
         few = network and count <= max(1, int(ALLOWED * len(rows)))
         if count:

@@ -36,7 +36,12 @@ _LARGEST_KEY = 64 * 1024  # bytes
 
 
 def encoded(payload_type: str, payload: bytes) -> bytes:
-    """Return the bytes that are signed: DSSE's PAE("DSSEv1", payload type, payload)."""
+    """Return the bytes that are signed: DSSE's PAE("DSSEv1", payload type, payload).
+
+    Args:
+        payload_type: Media type of the payload.
+        payload: The payload.
+    """
     kind = payload_type.encode()
     return b"DSSEv1 %d %b %d %b" % (len(kind), kind, len(payload), payload)
 
@@ -95,8 +100,12 @@ def _usable(key: Any, path: Path) -> Any:
 def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> bytes:
     """Return an envelope with a statement, the signatures of an earlier envelope, and one more.
 
-    A second signature by the same key replaces the first. If the earlier envelope is of another
-    statement, its signatures are dropped.
+    A second signature by the same key replaces the first.
+
+    Args:
+        statement: Bytes of the statement.
+        key: Key that signs.
+        envelope: Earlier envelope. If it holds another statement, its signatures are dropped.
 
     Raises:
         UserError: If the earlier envelope is damaged, or has too many signatures.
@@ -123,7 +132,15 @@ def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> 
 
 
 def faults_of_signature(files: Mapping[str, bytes], key: PublicKey) -> list[str]:
-    """Return why a folder, its files by path, is not signed by a key; nothing if it is."""
+    """Return why a folder is not signed by a key.
+
+    Args:
+        files: Content of the folder's files by path.
+        key: The public key.
+
+    Returns:
+        One line; none if the folder is signed by the key.
+    """
     if SIGNATURES not in files:
         return [f"{SIGNATURES} is missing: no one has signed this folder"]
     try:

@@ -56,7 +56,15 @@ def _parsed(content: bytes, path: Path) -> dict[str, Any]:
 
 
 def fault_of(value: Any, schema: dict[str, Any]) -> str:
-    """Return the first violation of a JSON Schema with its place in the report, or "" if none."""
+    """Return the first violation of a JSON Schema with its place in the report.
+
+    Args:
+        value: Content of `report.json`.
+        schema: The schema.
+
+    Returns:
+        One line; "" if the report follows the schema.
+    """
     from jsonschema import Draft202012Validator, validators
 
     # JSON Schema takes 1.0 for an integer, but a count of episodes has to be one in Python too.
@@ -72,7 +80,8 @@ def fault_of(value: Any, schema: dict[str, Any]) -> str:
     path_in_report = "the report" + "".join(
         f"[{step}]" if isinstance(step, int) else f".{step}" for step in error.absolute_path
     )
-    demand, value = error.validator_value, error.instance
+    demand = error.validator_value
+    value = error.instance
     words = {
         "additionalProperties": "has an unknown field",
         "type": f"is not of type {demand}",
@@ -135,10 +144,14 @@ class Findings:
 def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = False) -> Findings:
     """Check the hashes of a folder, that its files follow from each other, and its references.
 
-    Another version of this package may have written other pages and numbers from the same
-    episodes; but anyone can write the hash of another version into a report. So what this version
-    would not write is a fault, or, under another hash, not checked; another decision always is a
-    fault. `specs` and `all_episodes` are as for `check_references`.
+    Another version of this package may have written other pages and numbers from the same episodes;
+    but anyone can write the hash of another version into a report. So what this version would not
+    write is a fault, or, under another hash, not checked; another decision always is a fault.
+
+    Args:
+        folder: Folder of a report.
+        specs: References as for `check_references`.
+        all_episodes: As for `check_references`.
 
     Raises:
         UserError: As `content_of`, or if its report or declaration can't be read.
@@ -150,7 +163,8 @@ def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = F
     # A forger can change hashes too; the files must still be consistent with the report.
     report = _parsed(files[REPORT], folder / REPORT)
     if PROFILE in files:
-        hashes, declared = report["hashes"], parse(files[PROFILE], PROFILE)
+        hashes = report["hashes"]
+        declared = parse(files[PROFILE], PROFILE)
         if declared.sha256 != hashes["profile"]:
             damage.append(f"{PROFILE} is not the declaration of {REPORT}")
         committed = Commitment(hashes["policy"], hashes["profile"]).sha256
@@ -202,7 +216,8 @@ def faults(folder: Path) -> list[str]:
 
 def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
     try:
-        listed, fresh = _listed(files[MANIFEST]), _listed(layout.manifest(files))
+        listed = _listed(files[MANIFEST])
+        fresh = _listed(layout.manifest(files))
     except ValueError:
         return [f"{MANIFEST} is damaged"]
     there = files.keys() - {MANIFEST, SIGNATURES}
@@ -221,9 +236,19 @@ def _listed(content: bytes) -> dict[str, str]:
 
 
 def faults_by_nonce(folder: Path, nonce: Nonce) -> list[str]:
-    """Return why a report's seed is not of a nonce of the auditor's, revealed for its commitment.
+    """Return why a report's seed is not that of a nonce, revealed for the report's commitment.
 
-    The report has no faults of its own.
+    `check_folder` must have found no faults in the report.
+
+    Args:
+        folder: Folder of the report.
+        nonce: The nonce.
+
+    Returns:
+        One line; none if the seed comes from the nonce.
+
+    Raises:
+        UserError: If the report can't be read.
     """
     draw, look = opened_of(read_report(folder / REPORT))
     if draw.revealed != nonce:
@@ -234,10 +259,18 @@ def faults_by_nonce(folder: Path, nonce: Nonce) -> list[str]:
 
 
 def faults_by_log(folder: Path, path: Path) -> list[str]:
-    """Return how a report differs from a log, nothing if it is the look that it claims to be.
+    """Return the differences between a report and a log.
 
     The log may have grown since. Every commitment before the report's counts as a look, so a report
-    that hides one has another number than the log. The report has no faults of its own.
+    that hides one has another number than the log. `check_folder` must have found no faults in the
+    report.
+
+    Args:
+        folder: Folder of the report.
+        path: File of the log.
+
+    Returns:
+        A line for each difference; none if the report is the look that it claims to be.
 
     Raises:
         UserError: If the log can't be read, or its chain is broken.

@@ -1,4 +1,4 @@
-"""HTML and Markdown, made from the content of `report.json` and nothing else."""
+"""HTML and Markdown, made from the content of `report.json` alone."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from socialiq.audit.report.documents import shows_angle
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.physics import wrapped
-from socialiq.worlds import in_sumo
-from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import NAMES
+from socialiq.worlds.catalogue import KNOWN, base, in_sumo
+from socialiq.worlds.road_users import ROAD_USERS
 
 
 class Replays(NamedTuple):
@@ -43,8 +42,7 @@ def replays(report: Mapping[str, Any]) -> Replays | None:
     scenario = report["declaration"]["scenario"]
     if not rows or scenario["world"] != "intersection":
         return None
-    world = world_of(scenario["world"], scenario["options"])
-    assert isinstance(world, Intersection)
+    world: Any = world_of(scenario["world"], scenario["options"])
     script = program("watch")
     data = embedded({**core(world.options), "episodes": rows})
     return Replays(script, data, f"{source_hash(script)} 'wasm-unsafe-eval'")
@@ -75,12 +73,22 @@ def percent(share: Real | None) -> str:
 
 
 def measured(value: Real | None, share: bool) -> str:
-    """Return a value or a change, as a percentage if it is a share."""
+    """Return a value or a change as text.
+
+    Args:
+        value: The number; None becomes a dash.
+        share: Whether it is a share, which is written as a percentage.
+    """
     return percent(value) if share else number(value)
 
 
 def amount(value: Real, unit: str = "") -> str:
-    """Return a mean with its unit, a share as a percentage."""
+    """Return a mean as text.
+
+    Args:
+        value: The mean.
+        unit: Its unit; "" for a share, which is written as a percentage.
+    """
     return f"{number(value)} {unit}" if unit else percent(value)
 
 
@@ -95,7 +103,15 @@ def degrees(angle: Real | None) -> str:
 
 
 def arc(low: Real, high: Real) -> str:
-    """Return an arc of angles, from its low end in (-180, 180] to at most 360 degrees further."""
+    """Return an arc of angles in words.
+
+    Args:
+        low: First angle in degrees, in any turn; it is written in (-180, 180].
+        high: Last angle in degrees, not below the first one.
+
+    Returns:
+        Both ends, or "every angle" if they are a turn apart.
+    """
     if high - low >= 360.0:
         return "every angle"
     first = -wrapped(-low, 180.0)
@@ -109,7 +125,8 @@ def arcs(ranges: Sequence[dict[str, Real]]) -> str:
 
 def meaning(angle: Real) -> str:
     """Return the meaning of an angle for a driver."""
-    progress, ease = "its own progress", "the ease of the others"
+    progress = "its own progress"
+    ease = "the ease of the others"
     exact = {
         0.0: f"only {progress} counts",
         45.0: f"{progress} and {ease} count alike",
@@ -139,7 +156,12 @@ def headline(report: Mapping[str, Any]) -> str:
 
 
 def between(above: Real | None, below: Real | None) -> str:
-    """Return an open range of angles from 0 to 90 degrees; None where an end is not limited."""
+    """Return an open range of angles from 0 to 90 degrees in words.
+
+    Args:
+        above: Lower end in degrees; None if the range has no lower limit.
+        below: Upper end in degrees; None if the range has no upper limit.
+    """
     if above is None or below is None:
         ends = [f"below {degrees(below)}"] if below is not None else []
         return (ends or [f"above {degrees(above)}" if above is not None else "every angle"])[0]
@@ -159,13 +181,15 @@ def span(report: Mapping[str, Any]) -> tuple[float, float] | None:
     direction = report["tests"]["direction"]
     if direction is None or not direction["sides"]:
         return None
-    above, below = direction["above"], direction["below"]
+    above = direction["above"]
+    below = direction["below"]
     return (0.0 if above is None else above, 90.0 if below is None else below)
 
 
 def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return the rows of all tests that decide, in words; `test` is the name in 20 characters."""
-    tests, angle = report["tests"], degrees(report["declaration"]["angle"])
+    tests = report["tests"]
+    angle = degrees(report["declaration"]["angle"])
     units = measured_in(report["declaration"]["scenario"]["world"])
     regret, direction, character = (tests[key] for key in ("regret", "direction", "character"))
 
@@ -219,9 +243,11 @@ def by_class(report: Mapping[str, Any]) -> list[dict[str, str]]:
     ]
     classes = list(dict.fromkeys(QUANTITIES[name].of for name in units)) if rows else []
     scenario = report["declaration"]["scenario"]
-    if not (scenario["options"].get("cyclist_rate") or in_sumo(scenario["world"])):
-        classes = [name for name in classes if name != "cyclists"]
-    bounded, empty = {row["class"] for row in rows}, dict.fromkeys(rows[0] if rows else (), "")
+    if not in_sumo(scenario["world"]):
+        absent = {user.plural for user in ROAD_USERS[1:] if not scenario["options"].get(user.rate)}
+        classes = [name for name in classes if name not in absent]
+    bounded = {row["class"] for row in rows}
+    empty = dict.fromkeys(rows[0] if rows else (), "")
     empty["name"] = "no bound is declared"
     rows += [empty | {"class": name} for name in classes if name not in bounded]
     return sorted(rows, key=lambda row: [*classes, row["class"]].index(row["class"]))
@@ -240,8 +266,14 @@ def compatible(report: Mapping[str, Any]) -> str:
 
 
 def other_passes(report: Mapping[str, Any], most: int = 3) -> str:
-    """Return how many other drivers would pass the declaration, in a sentence with some names."""
-    tried, names = report["discrimination"], words.names_of(report)
+    """Return how many other drivers would pass the declaration, in a sentence with some names.
+
+    Args:
+        report: Content of `report.json`.
+        most: Largest number of names.
+    """
+    tried = report["discrimination"]
+    names = words.names_of(report)
     if not tried["of"]:
         return "There is no other driver that could be judged by this declaration."
     if not tried["would_pass"]:
@@ -304,13 +336,27 @@ def html(report: Mapping[str, Any]) -> str:
 
 
 def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **variables: Any) -> str:
-    """Return a page of Markdown by a template and further variables; all values are escaped."""
+    """Return a page of Markdown by a template and further variables; all values are escaped.
+
+    Args:
+        report: Content of `report.json`.
+        template: Name of the template.
+        **variables: Further variables of the template.
+    """
     return _rendered(report, template, most=10_000, **variables)
 
 
 def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variables: Any) -> str:
-    """Return a page by its template, a value of Markdown with so many characters at most."""
-    pages, names = templates("socialiq.audit.report", most=most), words.names_of(report)
+    """Return a page by its template.
+
+    Args:
+        report: Content of `report.json`.
+        template: Name of the template.
+        most: Largest number of characters of a value in Markdown; 0 for a page in HTML.
+        **variables: Further variables of the template.
+    """
+    pages = templates("socialiq.audit.report", most=most)
+    names = words.names_of(report)
     pages.filters.update(FILTERS)
     pages.globals.update(is_known=is_known, blank=blank)
     drivers = report["discrimination"]["drivers"]
@@ -332,6 +378,11 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
 
 
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:
-    """Whether the world reports the event of a criterion; an environment doesn't report fault."""
+    """Whether the world reports the event of a criterion; an environment doesn't report fault.
+
+    Args:
+        report: Content of `report.json`.
+        criterion: Name of a criterion of the floor, or of a quantity, which is always known.
+    """
     world = report["declaration"]["scenario"]["world"]
-    return criterion != "struck" or world in NAMES or is_recorded(world)
+    return criterion != "struck" or base(world) in KNOWN or is_recorded(world)

@@ -17,8 +17,8 @@ from socialiq.audit.seeds import NETWORK, Draw, Round
 from socialiq.audit.verdict.regret import RegretTest
 from socialiq.audit.verdict.results import Discrimination
 from socialiq.audit.verdict.verdict import Verdict, where_of
+from socialiq.isolation import NONE
 from socialiq.physics import wrapped
-from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
 
 OPTIMUM = "optimum_"  # beginning of the names of exact optima (`evidence.drive.exact_optima`)
@@ -34,7 +34,9 @@ def stated() -> dict[str, Any]:
 def plain_name(name: str, angles: Sequence[float] = ()) -> str:
     """Return the name of one of the package's drivers in words; another's is returned as it is.
 
-    The angles are the ends of the interval for which an exact optimum is the best.
+    Args:
+        name: Name of the driver.
+        angles: Ends in degrees of the interval for which an exact optimum is the best.
     """
     names = stated()["names"]
     if name.startswith(OPTIMUM) and angles:
@@ -55,7 +57,8 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
     """
     names = {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
     for row in (*report["references"], *report["left_out"]):
-        name, record = row["name"], row["record"]
+        name = row["name"]
+        record = row["record"]
         # The package's own reference has no record, or is a rule, or of the atlas.
         own = record is None or record["kind"] == "rule" or record["source"].startswith("atlas:")
         if own:
@@ -78,7 +81,14 @@ class Caveat(NamedTuple):
 
 
 def caveats(draw: Draw, look: Look | None, policy: Mapping[str, Any], world: str) -> list[Caveat]:
-    """Return the caveats of the log, the seed, and the code of policy and world."""
+    """Return the caveats of the log, the seed, and the code of policy and world.
+
+    Args:
+        draw: Commitment and seed.
+        look: The look; None for an audit without a log.
+        policy: Record of the policy, as JSON.
+        world: Name of the world.
+    """
     text = "No audit log was kept: how often this owner has tried before is not known."
     if look is not None:
         text = (
@@ -116,7 +126,13 @@ def worth(draw: Draw) -> str:
 
 
 def caveats_of_episodes(replayed: int, chosen: int, equals: Sequence[str] = ()) -> list[Caveat]:
-    """Return caveats if not all chosen episodes were the same again, or all a known driver's."""
+    """Return caveats if not all chosen episodes were the same again, or all a known driver's.
+
+    Args:
+        replayed: Number of chosen episodes that were the same again.
+        chosen: Number of chosen episodes.
+        equals: Names in words of known drivers that drove every episode as the policy did.
+    """
     texts = []
     if replayed != chosen:
         texts.append(
@@ -132,7 +148,14 @@ def caveats_of_episodes(replayed: int, chosen: int, equals: Sequence[str] = ()) 
 def caveats_of_declaration(
     rule: AngleRule | None, angle: float, verdict: Verdict, tried: Discrimination
 ) -> Iterator[Caveat]:
-    """Yield what the rule, the margin and the width of a declaration do not say."""
+    """Yield what the rule, the margin and the width of a declaration do not say.
+
+    Args:
+        rule: The declared rule, if there is one.
+        angle: Declared angle in degrees.
+        verdict: Verdict of the audit.
+        tried: Drivers that would pass the declaration.
+    """
     if rule is not None:
         text = (
             f"A rule of the angle is declared: {rule.words}. The first test is of decision losses: "
@@ -165,8 +188,15 @@ def caveats_of_declaration(
 
 
 def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
-    """Yield how often the declared limits of rewards and effects cut an episode of a driver."""
-    clip, drivers, cut = profile.clip, (evidence.policy, *evidence.references), dict[str, Any]()
+    """Yield how often the declared limits of rewards and effects cut an episode of a driver.
+
+    Args:
+        profile: The declaration.
+        evidence: Evidence before rewards and effects are clipped.
+    """
+    clip = profile.clip
+    drivers = evidence.policy, *evidence.references
+    cut = dict[str, Any]()
     if clip is not None:
         (least, social), (most, largest) = clip.ends
         text = f"R_env of an episode from {least:g} to {most:g} and R_social from {social:g} to "
@@ -177,7 +207,7 @@ def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
         if ends is not None:
             unit = measured_in(profile.scenario.world)[name]
             text = f"the {name} of an episode from {ends[0]:g} to {ends[1]:g} {unit}"
-            cut[text] = [row.beside[name].clip(*ends) != row.beside[name] for row in drivers]
+            cut[text] = [row.episodes[name].clip(*ends) != row.episodes[name] for row in drivers]
     for text, changed in cut.items():
         policy, *references = (int(episodes.sum()) for episodes in changed)
         if policy or any(references):
@@ -191,7 +221,9 @@ def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
 def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:
     """Return the assumption of the bounds of regret, none if the reward's own limits give them.
 
-    These allow the possible loss of an episode; None if they are not known.
+    Args:
+        regret: Test of regret.
+        possible_loss: Loss of an episode that these limits allow; None if they are not known.
     """
     if regret.largest_loss is None:
         # The share of episodes with an event that stays unseen in this share of audits.
@@ -232,10 +264,15 @@ OF_A_LOG = "look"
 
 
 def claims_of_auditor(policy: Mapping[str, Any], draw: Draw, look: Look | None) -> list[str]:
-    """Return the paths of the claims in a report, by the policy's record, its seed and its look.
+    """Return the paths of the claims in a report.
 
-    A signature of the statement covers them: then it is known whose claims they are. That a seed
-    is derived from a nonce or a beacon can be checked.
+    A signature of the statement covers them: then it is known whose claims they are. That a seed is
+    derived from a nonce or a beacon can be checked.
+
+    Args:
+        policy: Record of the policy, as JSON.
+        draw: Commitment and seed.
+        look: The look; None for an audit without a log.
     """
     code = policy["kind"] in ("process", "python")
     of_code = [path for path in OF_CODE if code and path.rpartition(".")[2] in policy]

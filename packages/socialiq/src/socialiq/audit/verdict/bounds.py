@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.audit.evidence import drive
-from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes, events_of
+from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes
 from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.audit.profile.profile import Bound, Profile, measured_in
 from socialiq.audit.request import shipped_dial
@@ -17,7 +17,7 @@ from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict.direction import driver_of, drivers_of
 from socialiq.audit.verdict.regret import Decision
 from socialiq.statistics import betting, intervals
-from socialiq.worlds.registry import NAMES
+from socialiq.worlds.catalogue import KNOWN, base
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class BoundTest:
     """The mean of a quantity of an episode against its limit, significantly kept or broken.
 
     Bounds are those of Clopper and Pearson if it is an event, else by betting on the declared range
-    of an episode. The lower one is at the fail error if the mean must be small, else at the pass
-    error; those of the upper one are the other way round.
+    of an episode. If the mean must be small, the lower bound is at the fail error and the upper one
+    at the pass error; if it must be large, they are swapped.
     """
 
     name: str  # one of `CRITERIA`, or of `fields.QUANTITIES`
@@ -44,7 +44,16 @@ class BoundTest:
 
 
 def amount_of(test: BoundTest, value: float, world: str) -> str:
-    """Return a mean of a test's quantity with its unit in a world of this name."""
+    """Return a mean of a test's quantity with its unit.
+
+    Args:
+        test: The test.
+        value: The mean.
+        world: Name of the world, which decides the unit.
+
+    Returns:
+        Three significant digits and the unit, or a percentage for a share of episodes.
+    """
     unit = measured_in(world).get(test.name, "")
     return f"{value:.3g} {unit}" if unit else f"{100 * value:.3g} %"
 
@@ -52,7 +61,15 @@ def amount_of(test: BoundTest, value: float, world: str) -> str:
 def words_of(
     test: BoundTest, value: float, world: str, size: str = "", of: str = "episodes"
 ) -> str:
-    """Return what a driver does with a mean of this size, as "at least ", in words."""
+    """Return what a driver does with a mean of this size, in words.
+
+    Args:
+        test: Test of the quantity.
+        value: The mean.
+        world: Name of the world, which decides the unit.
+        size: Words before the amount, as "at least ".
+        of: Words after "of", which name all episodes; used for shares only.
+    """
     amount = size + amount_of(test, value, world)
     if test.name in CRITERIA or amount.endswith("%"):
         words = CRITERIA.get(test.name) or QUANTITIES[test.name].words
@@ -69,13 +86,23 @@ def bound_tests(
     enough to fail, so each has its part of the fail error (Bonferroni). Bounds of shares are exact,
     because error rates are guaranteed: Wilson's lower bound of a rare event errs up to three times
     as often as its level (docs/audit.md).
+
+    Args:
+        policy: Episodes of the driver.
+        bounds: Bounds to test, at least one.
+        pass_error: Error of a wrong pass of each test.
+        fail_error: Error of a wrong fail of all tests together.
+
+    Returns:
+        A test for each bound, in their order.
     """
-    tests, fail_error = [], fail_error / len(bounds)
-    columns = {**events_of(policy), **policy.beside}
+    tests = []
+    fail_error = fail_error / len(bounds)
     for bound in bounds:
-        least, limit = bound.side == "at least", bound.limit
+        least = bound.side == "at least"
+        limit = bound.limit
         errors = (pass_error, fail_error) if least else (fail_error, pass_error)
-        values = columns[bound.quantity]
+        values = policy.episodes[bound.quantity]
         inside = values if bound.range is None else values.clip(*bound.range)
         share = float(inside.mean())
         error = pass_error if (share >= limit if least else share <= limit) else fail_error
@@ -105,8 +132,10 @@ def _by_betting(
 ) -> tuple[float, float, int | None]:
     """Return both bounds of a mean, and the episodes that would decide at an error."""
     least, most = bound.range or (0.0, 1.0)
-    span, at_least = most - least, bound.side == "at least"
-    over, under = (values - least, bound.limit - least), (most - values, most - bound.limit)
+    span = most - least
+    at_least = bound.side == "at least"
+    over = values - least, bound.limit - least
+    under = most - values, most - bound.limit
     ends = []
     for (rows, margin), between, end in zip(
         (under, over), (not at_least, at_least), errors, strict=True
@@ -125,11 +154,14 @@ CHECKED = 1_000
 def faults_of_bounds(profile: Profile) -> dict[str, str]:
     """Return why the best driver of the declared angle fails a bound, by field of a declaration.
 
-    Every policy of that angle would fail too. Where no such driver is known, nothing is said.
+    Every policy of that angle would fail too. Where no such driver is known, the result is empty.
     """
-    if profile.scenario.world not in NAMES or profile.rule is not None:
+    if base(profile.scenario.world) not in KNOWN or profile.rule is not None:
         return {}
-    angle, name, world, best = profile.angle, profile.scenario.world, profile.world(), None
+    angle = profile.angle
+    name = profile.scenario.world
+    world = profile.world()
+    best = None
     course = drive.Course(world, episode_seeds(0, CHECKED), measured=profile.effects)
     if world.is_exact:
         optimum = driver_of(drivers_of(drive.exact_optima(course)), angle)

@@ -1,7 +1,7 @@
 """Test of a policy's direction and of its one character; angles that it follows under a rule.
 
-A margin of regret can't mean an angle: near its best angle the regret of a driver is of second
-order in the angle, less than what an honest weaker driver loses. The direction is of first order.
+A margin of regret can't mean an angle: near its best angle the regret of a driver grows with the
+square of the angle, less than what an honest weaker driver loses. The direction changes linearly.
 For the reference driver f(a) of an angle of a degrees
 
     D(a) = J(a + 90) of f(a) - J(a + 90) of the policy
@@ -34,7 +34,7 @@ from socialiq.evaluation.context import ContextLosses
 from socialiq.social.angle_rule import AngleRule, angle_words
 from socialiq.statistics import betting, intervals
 from socialiq.statistics.comparisons import paired_difference
-from socialiq.worlds.registry import NAMES
+from socialiq.worlds.catalogue import KNOWN, base
 
 _DECIMALS = 6  # of an angle: the classes of neighbouring optima share their ends up to rounding
 
@@ -48,7 +48,7 @@ class Driver(NamedTuple):
 
     @property
     def across(self) -> float:
-        """Angle of the rewards that are compared: 90 degrees from the middle of its own."""
+        """Angle of the rewards that are compared: 90 degrees from the middle of both angles."""
         return (self.low + self.high) / 2 + 90.0
 
 
@@ -66,17 +66,35 @@ def drivers_of(references: Sequence[Outcomes]) -> list[Driver]:
 
 
 def driver_of(drivers: Sequence[Driver], angle: float) -> Driver | None:
-    """Return the reference driver of an angle in degrees."""
+    """Return the reference driver of an angle.
+
+    Args:
+        drivers: Result of `drivers_of`.
+        angle: Angle in degrees.
+
+    Returns:
+        The first driver whose angles include this one; None if there is none.
+    """
     return next((row for row in drivers if row.low <= angle <= row.high), None)
 
 
 def ends_of(drivers: Sequence[Driver], angle: float, width: float | None) -> list[float | None]:
-    """Return the two angles at which a width is tested, in degrees, None outside of 0 to 90.
+    """Return the two angles at which a width is tested, in degrees.
 
     In a gridworld one policy is the best at a class of angles, and the class is what can be
     certified: an end in the class of the declared angle moves on by the width until it leaves it.
+
+    Args:
+        drivers: Result of `drivers_of`.
+        angle: Declared angle in degrees.
+        width: Declared width in degrees; None if there is none.
+
+    Returns:
+        The low and the high end; None for an end outside of 0 to 90 degrees, and for both without a
+        width.
     """
-    declared, ends = driver_of(drivers, angle), list[float | None]()
+    declared = driver_of(drivers, angle)
+    ends = list[float | None]()
     for step in () if width is None else (-width, width):
         end = angle + step
         while declared is not None and declared is driver_of(drivers, end):
@@ -144,7 +162,8 @@ def direction_test(
         fail_error: Largest chance of a wrong fail.
         ends_only: Whether only the two drivers of the test are compared.
     """
-    width, drivers = profile.margin.width, drivers_of(evidence.references)
+    width = profile.margin.width
+    drivers = drivers_of(evidence.references)
     ends = ends_of(drivers, profile.angle, width)
     tested = [None if end is None else driver_of(drivers, end) for end in ends]
     bounded = _is_bounded(profile)
@@ -187,7 +206,7 @@ def direction_test(
 
 def _is_bounded(profile: Profile) -> bool:
     """Whether a clip, or the world's rewards, limit the difference of two drivers."""
-    named = profile.scenario.world in NAMES
+    named = base(profile.scenario.world) in KNOWN
     return profile.clip is not None or (named and bool(possible_loss(profile.world(), 45.0)))
 
 
@@ -195,7 +214,8 @@ def _differences(
     profile: Profile, policy: Outcomes, drivers: Sequence[Driver]
 ) -> tuple[Float[np.ndarray, "driver episode"], Float[np.ndarray, " driver"]]:
     """Return each driver's D(a) in every episode in units of the most that it can be, and that."""
-    clip, values = profile.clip, np.zeros((len(drivers), len(policy.totals)))
+    clip = profile.clip
+    values = np.zeros((len(drivers), len(policy.totals)))
     if not drivers:  # making an environment may run code
         return values, np.ones(0)
     largest = clip.largest_loss if clip else functools.partial(possible_loss, profile.world())
@@ -211,7 +231,8 @@ def _ways(
     values: Float[np.ndarray, "driver episode"], errors: Float[np.ndarray, " error"]
 ) -> list[list[Way]]:
     """Return at each error on which side of each driver the policy lies significantly."""
-    signed, levels = np.concatenate([values, -values]), np.zeros(len(errors))
+    signed = np.concatenate([values, -values])
+    levels = np.zeros(len(errors))
     below = betting.significantly_below(signed, levels, 1.0, errors).T
     return [
         [_WAYS[0] if low else _WAYS[1] if high else "not known" for low, high in sides.T]
@@ -255,26 +276,41 @@ TOLERANCE = 2.0  # margins of regret by which an episode has to be beyond an end
 def character_test(
     profile: Profile, evidence: Evidence, pass_error: float, fail_error: float
 ) -> CharacterTest | None:
-    """Test the shares of episodes beyond the ends of the direction; None if none is declared.
+    """Test the shares of episodes beyond the ends of the direction.
 
-    Arguments are those of `direction_test`; without drivers of both ends it is not decided.
+    Without drivers of the declared angle and of both ends the test is inconclusive.
+
+    Args:
+        profile: The declaration.
+        evidence: Evidence with all references, the policy itself too; clipped as declared.
+        pass_error: Largest chance of a wrong pass.
+        fail_error: Largest chance of a wrong fail.
+
+    Returns:
+        The test; None if no share is declared.
     """
-    limit, angle = profile.margin.beyond, profile.angle
+    limit = profile.margin.beyond
+    angle = profile.angle
     if limit is None:
         return None
-    drivers, tolerance = drivers_of(evidence.references), TOLERANCE * profile.margin.regret
+    drivers = drivers_of(evidence.references)
+    tolerance = TOLERANCE * profile.margin.regret
     ends = ends_of(drivers, angle, profile.margin.width)
     compared = [driver_of(drivers, at) for at in (angle, *(end for end in ends if end is not None))]
     rewards = [row.outcomes.values(angle + 90.0) for row in compared if row]
-    ours, complete, rows = evidence.policy.values(angle + 90.0), len(rewards) == len(compared), []
+    ours = evidence.policy.values(angle + 90.0)
+    complete = len(rewards) == len(compared)
+    rows = []
     for end, name, sign in zip(ends, _WAYS[::-1], (-1.0, 1.0), strict=True):
         if end is not None and complete:
             farthest = np.max([sign * values for values in rewards], axis=0)
-            count, episodes = int((sign * ours > farthest + tolerance).sum()), len(ours)
+            count = int((sign * ours > farthest + tolerance).sum())
+            episodes = len(ours)
             low = intervals.clopper_pearson(count, episodes, 1.0 - fail_error).low
             high = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * pass_error).high
             rows.append(Beyond(name, count, count / episodes, low, high))
-    decision, deviation = Decision.INCONCLUSIVE, (limit * (1.0 - limit)) ** 0.5
+    decision = Decision.INCONCLUSIVE
+    deviation = (limit * (1.0 - limit)) ** 0.5
     if complete and all(row.high <= limit for row in rows):
         decision = Decision.PASS
     elif any(row.low > limit for row in rows):
@@ -314,18 +350,27 @@ def followed_angles(
 ) -> tuple[FollowedAngle, ...]:
     """Return the angle that a policy follows in each context, by its losses at the candidates.
 
-    The confidence is that of the intervals, and of each comparison of two angles.
+    Args:
+        rule: The declared rule.
+        losses: Decision losses of the policy by episode and context.
+        candidates: Candidate angles in degrees, in the order of `losses.by_angle`.
+        confidence: Confidence of each interval, and of each comparison of two angles.
+
+    Returns:
+        A row for each context, in the rule's order.
     """
     followed = []
     for number, context in enumerate(rule.contexts):
-        by_angle, declared = losses.by_angle[:, number], losses.declared[:, number]
+        by_angle = losses.by_angle[:, number]
+        declared = losses.declared[:, number]
         least = by_angle[:, int(by_angle.mean(axis=0).argmin())]
         interval = paired_difference(declared, np.zeros_like(declared), confidence)
         rows = list[CandidateLoss]()
         for angle, loss in zip(candidates, by_angle.T, strict=True):
             compatible = bool(paired_difference(loss, least, confidence).low <= 0.0)
             rows.append(CandidateLoss(angle, float(loss.mean()), compatible))
-        words, count = angle_words(rule.angles[number]), float(losses.decisions[:, number].mean())
+        words = angle_words(rule.angles[number])
+        count = float(losses.decisions[:, number].mean())
         declared_loss = (interval.mean, interval.low, interval.high)
         followed.append(FollowedAngle(context, words, count, *declared_loss, tuple(rows)))
     return tuple(followed)

@@ -49,8 +49,8 @@ class Regrets:
 
     References with exact expectations are the complete set of optima (`drive.exact_optima`): the
     best one at an angle is then known, not selected by the data, and it alone is compared. A
-    largest loss is that of an episode at the declared angle. `decisive` regrets bound nothing but
-    what `regret_test` decides by: of other drivers an audit reports only the decision.
+    largest loss is that of an episode at the declared angle. `decisive` regrets have only the
+    bounds by which `regret_test` decides: of other drivers an audit reports only the decision.
     """
 
     def __init__(
@@ -65,7 +65,8 @@ class Regrets:
         self.decisive = decisive
         self.evidence = evidence
         self._gains = evidence.gains()
-        self._seed, self._resamples = seed, resamples
+        self._seed = seed
+        self._resamples = resamples
         drivers = (evidence.policy, *evidence.references)
         self._totals = np.concatenate([driver.totals for driver in drivers])
 
@@ -97,9 +98,17 @@ class Regrets:
     def highs(
         self, angle: float, error: float, rows: Int64[np.ndarray, " row"] | None = None
     ) -> np.ndarray:
-        """Return an upper bound of the regret towards each reference, or some `rows` of them.
+        """Return an upper bound of the regret towards each reference.
 
         The largest of the compared ones bounds ρ without a correction (`upper_bounds`).
+
+        Args:
+            angle: Angle in degrees.
+            error: One-sided error of each bound.
+            rows: References to bound, by their rows; by default all.
+
+        Returns:
+            Shape (references,), or (rows,), reward per episode.
         """
         gains = self._at(angle, np.arange(len(self._gains)) if rows is None else rows)
         highs = bootstrap.upper_bounds(gains.resampled, error)
@@ -108,7 +117,15 @@ class Regrets:
         return highs
 
     def low(self, angle: float, error: float) -> float:
-        """Return a lower bound of ρ; each reference has its share of the error (Bonferroni)."""
+        """Return a lower bound of ρ; each reference has its share of the error (Bonferroni).
+
+        Args:
+            angle: Angle in degrees.
+            error: One-sided error of the bound.
+
+        Returns:
+            Reward per episode.
+        """
         gains = self._at(angle, np.flatnonzero(self.compared(angle)))
         share = error / len(gains.rare)
         pairs = ((gains.values[row], gains.reach) for row in np.flatnonzero(gains.rare))
@@ -121,7 +138,14 @@ class Regrets:
     def needed(self, angle: float, best: int, distance: float, error: float) -> int | None:
         """Return the number of episodes that would decide, if the estimate is true.
 
-        The distance is that of the margin from it; the best reference is the one that it is of.
+        Args:
+            angle: Angle in degrees.
+            best: Row of the best reference, whose regret is the estimate.
+            distance: Margin less the estimate, reward per episode.
+            error: One-sided error of the bound that would decide.
+
+        Returns:
+            Number of episodes; None if no number is enough.
         """
         gains = self._at(angle, np.array([best]))
         if gains.rare[0]:
@@ -158,7 +182,7 @@ class LossBounds:
     """Lower bound of the regret, and upper bound towards each reference.
 
     If one of them lost more than the declared loss, they are the smallest gain and the largest
-    loss, which say nothing.
+    loss, which are no bounds.
     """
 
     low: float
@@ -166,7 +190,12 @@ class LossBounds:
 
 
 def exceeds(loss: float, largest_loss: float) -> bool:
-    """Whether the loss of an episode shows that a declared largest loss is false."""
+    """Whether the loss of an episode shows that a declared largest loss is false.
+
+    Args:
+        loss: Loss of the episode.
+        largest_loss: Declared largest loss, which rounding errors may exceed.
+    """
     return loss > largest_loss * (1.0 + _ROUNDING)
 
 
@@ -180,10 +209,17 @@ def loss_bounds(
 ) -> LossBounds:
     """Bound the largest mean loss either way.
 
-    Losses are R(α) of each reference less the policy's, in the order in which the episodes were
-    drawn, of an absolute value of at most the declared largest loss. The largest of the upper
-    bounds, each at the pass error, has the error of one (`bootstrap.upper_bounds` says why); the
-    lower bound, of the references that the test compares, has the fail error.
+    The largest of the upper bounds, each at the pass error, has the error of one
+    (`bootstrap.upper_bounds` says why).
+
+    Args:
+        losses: R(α) of each reference less the policy's, with the episodes in the order in which
+            they were drawn; in absolute value at most the declared largest loss.
+        compared: Whether the test compares a reference.
+        margin: Margin of regret, reward per episode.
+        largest_loss: Declared largest loss of an episode.
+        pass_error: One-sided error of each upper bound.
+        fail_error: One-sided error of the lower bound, which is over the compared references.
     """
     within = _without_rounding(losses, largest_loss)
     below = betting.levels(margin, largest_loss)
@@ -203,11 +239,23 @@ def needed_with(
     largest_loss: float,
     error: float,
 ) -> int | None:
-    """Return the number of episodes that would decide by `loss_bounds`, if losses are typical."""
+    """Return the number of episodes that would decide by `loss_bounds`, if losses are typical.
+
+    Args:
+        losses: Losses as for `loss_bounds`.
+        compared: Whether the test compares a reference.
+        margin: Margin of regret, reward per episode.
+        largest_loss: Declared largest loss of an episode.
+        error: One-sided error of the bound that would decide.
+
+    Returns:
+        Number of episodes; None if no number is enough.
+    """
     rows = _without_rounding(losses, largest_loss)[compared]
     means = rows.mean(axis=1)
     if means.max() > margin:  # a fail needs the bound of the best reference alone
-        rows, margin = -rows[[means.argmax()]], -margin
+        rows = -rows[[means.argmax()]]
+        margin = -margin
     how = (margin, largest_loss, error, intervals.POWER)
     return slowest([betting.episodes_by_betting(row, *how) for row in rows])
 
@@ -272,14 +320,22 @@ def regret_test(
 ) -> RegretTest:
     """Test ρ <= margin at an angle.
 
-    With a declared largest loss the bounds by betting decide, and nothing else needs to be
-    assumed. An episode that lost more shows that the declaration is false: that fails. The angle is
-    the declared one in degrees, the margin in reward per episode; errors are one-sided. Of decisive
-    regrets the references that are not compared, the bounds that do not decide (NaN) and `needed`
-    (None) are left out.
+    With a declared largest loss the bounds by betting decide, without further assumptions. An
+    episode that lost more shows that the declaration is false, and the test fails.
+
+    Args:
+        regrets: Regrets of the policy. With `decisive` ones the references that are not compared,
+            the bounds that do not decide (NaN) and `needed` (None) are left out.
+        angle: Declared angle in degrees.
+        margin: Margin of regret, reward per episode.
+        pass_error: One-sided error of a wrong pass.
+        fail_error: One-sided error of a wrong fail.
     """
-    compared, largest_loss = regrets.compared(angle), regrets.largest_loss
-    means, losses, decisive = regrets.means(angle), regrets.losses(angle), regrets.decisive
+    compared = regrets.compared(angle)
+    largest_loss = regrets.largest_loss
+    means = regrets.means(angle)
+    losses = regrets.losses(angle)
+    decisive = regrets.decisive
     rows = np.flatnonzero(compared) if decisive else np.arange(len(compared))
     usual = LossBounds(np.nan, np.full(len(rows), np.nan))
     if largest_loss is None or not decisive:
@@ -287,7 +343,8 @@ def regret_test(
     best = int(np.where(compared, means, -np.inf).argmax())
     estimate = float(means[best])
     error = pass_error if estimate <= margin else fail_error
-    used, needed = usual, None
+    used = usual
+    needed = None
     if largest_loss is not None:
         errors = pass_error, fail_error
         used = loss_bounds(losses[rows], compared[rows], margin, largest_loss, *errors)
@@ -339,6 +396,10 @@ def compatible_angles(regrets: Regrets, margin: float) -> CompatibleAngles:
 
     Towards reference k the regret is r_k cos(α - φ_k), with (r_k, φ_k) its mean gain in polar
     coordinates, so each reference excludes the open arc φ_k ± arccos(margin / r_k).
+
+    Args:
+        regrets: Regrets of the policy.
+        margin: Margin of regret, reward per episode.
     """
     env, social = regrets.moments.mean.T
     length = np.hypot(env, social)

@@ -1,8 +1,9 @@
-"""Results beside the verdict: other drivers that would pass, kinds and order of episodes, shift.
+"""Results in addition to the verdict: other drivers that would pass, kinds of episodes, shift.
 
 A policy could be made to behave in audits only (thesis 9.5), so the shift check runs it in traffic
-that the declaration doesn't name. Its result is reported beside the verdict and decides nothing.
-For a verdict on that traffic, declare it in a separate profile.
+that the declaration doesn't name. Its result is reported next to the verdict and does not affect
+it. For a verdict on that traffic, declare it in a separate profile. A further test finds a policy
+whose driving depends on the order of the episodes.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.types import RewardPair
-from socialiq.worlds.registry import INTERSECTIONS
+from socialiq.worlds.catalogue import INTERSECTION, base
 
 MEASURES = ("regret", *CRITERIA)
 
@@ -79,8 +80,18 @@ def shift_of(
 
     Intervals are Welch's and Newcombe's, because the episodes of each traffic are independent. The
     declared error is divided among all of them (Bonferroni), so it bounds the chance that any
-    change is significant if the policy has none. `traffic` is the result of `other_traffic`, and
-    there is evidence in each.
+    change is significant if the policy has none.
+
+    Args:
+        profile: The declaration.
+        declared: Evidence in the declared traffic.
+        traffic: Result of `other_traffic`.
+        there: Evidence in each of these, in their order.
+        seed: Seed of the resampling.
+        resamples: Number of resamples.
+
+    Returns:
+        A result for each other traffic.
     """
     error = profile.error
     confidence = 1.0 - error / (len(MEASURES) * len(traffic))
@@ -99,9 +110,17 @@ def changes(
 ) -> tuple[Change, ...]:
     """Return the change of every measure from the declared traffic to another.
 
-    The angle is the declared one in degrees, the confidence that of each interval.
+    Args:
+        declared: Evidence in the declared traffic.
+        there: Evidence in another traffic.
+        angle: Declared angle in degrees.
+        confidence: Confidence of each interval.
+
+    Returns:
+        A change for each of `MEASURES`.
     """
-    weights, measured = exact_weights(angle), []
+    weights = exact_weights(angle)
+    measured = []
     for evidence in (declared, there):
         best = max(evidence.references, key=lambda reference: score(weights, reference.mean))
         gains = (best.totals - evidence.policy.totals).T  # of the apparently best reference
@@ -155,8 +174,8 @@ class Stratum:
     """A policy in the episodes of one label.
 
     Regret is towards the apparently best reference over all episodes, with a two-sided Student
-    interval; None if there are fewer than two episodes. Intervals, Wilson's of the shares, are of
-    each stratum alone: of many, some miss.
+    interval; None if there are fewer than two episodes. Each interval, Wilson's for the shares,
+    holds for its stratum alone: of many, some miss.
     """
 
     stratification: str  # for instance "density"
@@ -169,18 +188,30 @@ class Stratum:
 def stratified(
     evidence: Evidence, angle: float, reference: str, confidence: float = 0.95
 ) -> tuple[Stratum, ...]:
-    """Break the evidence down by every stratification, at the declared angle in degrees.
+    """Break the evidence down by every stratification.
 
-    The reference to compare with, `RegretTest.best`, is the same in every stratum, so that
-    regrets, weighted by episodes, add up to the whole regret.
+    One reference is compared in every stratum, so that regrets, weighted by episodes, add up to the
+    whole regret.
+
+    Args:
+        evidence: The evidence.
+        angle: Declared angle in degrees.
+        reference: Name of the reference to compare with, `RegretTest.best`.
+        confidence: Confidence of each interval.
+
+    Returns:
+        A row for each label of each stratification, labels in alphabetical order.
     """
     best = next(driver for driver in evidence.references if driver.name == reference)
-    reference_values, ours = best.values(angle), evidence.policy.values(angle)
-    events, strata = events_of(evidence.policy), []
+    reference_values = best.values(angle)
+    ours = evidence.policy.values(angle)
+    events = events_of(evidence.policy)
+    strata = []
     for stratification, labels in evidence.strata.items():
         for label in np.unique(labels).tolist():
             rows = labels == label
-            count, regret = int(rows.sum()), None
+            count = int(rows.sum())
+            regret = None
             if count >= _FEWEST:
                 pair = reference_values[rows], ours[rows]
                 regret = comparisons.paired_difference(*pair, confidence)
@@ -229,14 +260,22 @@ def discriminate(
     error: float | None = None,
     directed: Evidence | None = None,
 ) -> Discrimination:
-    """Judge every other driver by the declaration of the policy; arguments are those of `judge`.
+    """Judge every other driver by the declaration of the policy.
 
-    Each is compared with the other references, as the policy is. Drivers that are the policy itself
-    are left out of the evidence (`Evidence.without`), but keep their place in the direction.
+    Each is compared with the remaining references, as the policy is. Drivers that are the policy
+    itself are left out of the evidence (`Evidence.without`), but keep their place in the direction.
+
+    Args:
+        profile: The declaration.
+        evidence: Evidence as for `judge`.
+        seed: Seed of the resampling.
+        resamples: Smallest number of resamples; a small error takes more.
+        error: Error of this look; None for the whole error, 1 - confidence.
+        directed: Evidence with the reference drivers of all angles, if `evidence` lacks some.
     """
     level = profile.error if error is None else error
     count = enough_resamples(level, resamples)
-    constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
+    constant = GO_AND_WAIT if base(profile.scenario.world) == INTERSECTION else ()
     drivers = [(driver, driver.name in constant) for driver in evidence.references]
     drivers += [(driver, True) for driver in evidence.trivial]
     decided = []
@@ -251,7 +290,8 @@ def discriminate(
             decision = Decision.FAIL
             # The bounds of regret take longest; where another test fails they change nothing.
             if all(test is None or test.decision is not Decision.FAIL for test in tests):
-                rewards, limit = clipped(profile, swapped), profile.largest_loss
+                rewards = clipped(profile, swapped)
+                limit = profile.largest_loss
                 regrets = Regrets(rewards, seed, count, limit, decisive=True)
                 decision = decide(profile, swapped, seed, count, level, regrets, line).decision
             decided.append(OtherDriver(driver.name, trivial, decision))
@@ -279,7 +319,8 @@ def order_dependence(evidence: Evidence) -> str:
     Kolmogorov's distribution; of few values it is smaller. Bounds of a mean are wrong where a
     policy drives well at first only: they may decide before the rest counts.
     """
-    means, chances = np.mean([row.totals for row in evidence.references], axis=0), []
+    means = np.mean([row.totals for row in evidence.references], axis=0)
+    chances = []
     for values in (evidence.policy.totals - means).T:
         scale = float(values.std()) * np.sqrt(len(values))
         path = np.cumsum(values - values.mean()) / (scale or np.inf)

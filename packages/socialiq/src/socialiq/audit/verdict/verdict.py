@@ -61,7 +61,12 @@ class Verdict(Decisive):
 
 
 def clipped(profile: Profile, evidence: Evidence) -> Evidence:
-    """Return the evidence with the rewards of every episode clipped as declared."""
+    """Return the evidence with the rewards of every episode clipped as declared.
+
+    Args:
+        profile: The declaration.
+        evidence: The evidence; returned as it is if no clip is declared.
+    """
     clip = profile.clip
     return evidence if clip is None else evidence.clipped(*clip.ends)
 
@@ -79,20 +84,35 @@ def decide(
     """Test a driver's regret at the declared angle, or its loss at a rule, direction and floor.
 
     A pass needs every test to pass, each at the full error: if any of them is truly broken, the
-    chance that its test passes bounds the chance of a wrong pass, whatever the others do
-    (intersection-union, Berger 1982). A fail needs only one, so the error is divided: half to the
-    floor, an eighth to each criterion, and half to regret, of which a declared width takes a half:
-    an eighth for the direction, another for the single character.
+    chance that its test passes bounds the chance of a wrong pass, whatever the results of the
+    remaining tests (intersection-union, Berger 1982). A fail needs only one, so the error is
+    divided: half to the bounds of the floor and of effects, in equal parts, and half to regret, of
+    which a declared width takes a half: an eighth for the direction, another for the single
+    character.
+
     So a wrong pass and a wrong fail each have a chance of at most the error, as far as the bounds
     keep their levels: those of shares and of the direction do, and those of regret with a largest
     loss. Without one they are by bootstrap-t, which is approximate (the study `audit-power`
-    measures how much). In the evidence the driver is the policy; its regrets may be known already.
-    `directed` has the reference drivers of all angles; by default the evidence has them.
+    measures how much).
+
+    Args:
+        profile: The declaration.
+        evidence: Evidence in which the driver is the policy.
+        seed: Seed of the resampling.
+        resamples: Number of resamples.
+        error: Largest chance of a wrong pass, and of a wrong fail.
+        regrets: Regrets of the clipped evidence, if they are known already.
+        directed: Evidence with the reference drivers of all angles; by default `evidence` has them.
+        ends_only: Whether the direction is tested at the two ends of the width only.
     """
-    margin, angle, evidence = profile.margin, profile.angle, clipped(profile, evidence)
+    margin = profile.margin
+    angle = profile.angle
+    evidence = clipped(profile, evidence)
     beside = direction_tests(profile, directed or evidence, error, ends_only)
     if profile.rule is not None:
-        evidence, regrets, angle = evidence.by_rule(), None, 0.0
+        evidence = evidence.by_rule()
+        regrets = None
+        angle = 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, profile.largest_loss)
     share = error / 2 if margin.width is None or profile.rule is not None else error / 4
     regret = bounds.regret_test(regrets, angle, margin.regret, error, share)
@@ -103,10 +123,21 @@ def decide(
 def direction_tests(
     profile: Profile, evidence: Evidence, error: float, ends_only: bool = True
 ) -> tuple[DirectionTest | None, CharacterTest | None]:
-    """Test direction and character, each at its share of the error (`decide`); none by a rule."""
+    """Test direction and character, each at its share of the error (`decide`).
+
+    Args:
+        profile: The declaration.
+        evidence: Evidence with the reference drivers of all angles, not clipped.
+        error: Error of the whole audit.
+        ends_only: Whether the direction is tested at the two ends of the width only.
+
+    Returns:
+        Both tests. Both are None for a declared rule; the second is None if no share is declared.
+    """
     if profile.rule is not None:
         return None, None
-    driven, errors = clipped(profile, evidence), (error, error / 8)
+    driven = clipped(profile, evidence)
+    errors = error, error / 8
     direction = direction_test(profile, driven, *errors, ends_only)
     return direction, character_test(profile, driven, *errors)
 
@@ -119,7 +150,16 @@ def join_tests(
     direction: DirectionTest | None = None,
     character: CharacterTest | None = None,
 ) -> Decisive:
-    """Join the tests of a driver's rewards, made at their shares of the error, with the bounds'."""
+    """Join the tests of a driver's rewards with the tests of its bounds.
+
+    Args:
+        regret: Test of regret, at its share of the error.
+        policy: Episodes of the driver.
+        limits: Bounds of the floor and of effects.
+        error: Error of the whole audit.
+        direction: Test of the direction, at its share of the error; None if there is none.
+        character: Test of the character, at its share of the error; None if there is none.
+    """
     competence = bound_tests(policy, limits, error, error / 2)
     tests = [test for test in (regret, direction, character, *competence) if test is not None]
     rows = [(test.decision, test.needed) for test in tests if test.decision is not None]
@@ -149,7 +189,12 @@ _BEYOND = 20
 
 
 def enough_resamples(error: float, least: int = 2000) -> int:
-    """Return a number of resamples that gives the quantiles of an error."""
+    """Return a number of resamples that gives the quantiles of an error.
+
+    Args:
+        error: Smallest error of a bound by resampling.
+        least: Number that is enough for usual errors.
+    """
     return max(least, math.ceil(_BEYOND / error))
 
 
@@ -164,7 +209,7 @@ def judge(
     """Test a policy's evidence against its declaration.
 
     A wrong pass and a wrong fail each have a chance of at most the error (`decide`). α̂ does not
-    decide, so its error adds nothing.
+    decide, so it takes no share of the error.
 
     Args:
         profile: The declaration.
@@ -176,7 +221,7 @@ def judge(
         error: Error of this look (`look.spend`); None for the whole error, 1 - confidence.
 
     Raises:
-        UserError: If the evidence is of another scenario.
+        UserError: If the evidence belongs to another scenario.
     """
     if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError("the evidence is of another scenario than the profile: collect it again")
@@ -190,7 +235,9 @@ def judge(
     if identified:
         env, social = evidence.policy.totals.T.copy()
         estimate = estimate_angle(env, social, seed, profile.confidence, resamples)
-    rule, losses, contexts = profile.rule, evidence.policy.contexts, None
+    rule = profile.rule
+    losses = evidence.policy.contexts
+    contexts = None
     if rule is not None and losses is not None:
         contexts = followed_angles(rule, losses, CANDIDATES, profile.confidence)
     return Verdict(
@@ -215,6 +262,10 @@ def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
 
     A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
     episodes would not decide.
+
+    Args:
+        verdict: Result of `judge`.
+        findings: Sentences, each a reason against a pass.
     """
     if verdict.decision is Decision.FAIL or not findings:
         return verdict
@@ -223,9 +274,16 @@ def conclude(verdict: Verdict, findings: Sequence[str]) -> Verdict:
 
 
 def dependence(consistency: Consistency | None, soft: bool) -> str:
-    """Return on what a policy's answers depend besides the observation; "" if it wasn't asked.
+    """Return a sentence on what a policy's answers depend other than the observation.
 
     How it drove in the episodes is then no evidence about how it drives elsewhere.
+
+    Args:
+        consistency: Answers of the policy that were asked again; None if it was not asked.
+        soft: Whether the policy draws its actions.
+
+    Returns:
+        The sentence; "" if no dependence was found.
     """
     dependences = consistency.dependences(soft) if consistency is not None else []
     if consistency is None or not dependences:
@@ -242,7 +300,9 @@ def dependence(consistency: Consistency | None, soft: bool) -> str:
 
 def _reason(decisive: Decisive, profile: Profile) -> str:
     """Return the reason why a policy passed, failed, or neither, in one sentence."""
-    regret, direction, world = decisive.regret, decisive.direction, profile.scenario.world
+    regret = decisive.regret
+    direction = decisive.direction
+    world = profile.scenario.world
     where = "by the declared rule" if profile.rule else f"at the declared {regret.angle:g} degrees"
     if decisive.decision is Decision.FAIL:
         faults = ", and ".join(_faults(decisive, where, world))
@@ -287,7 +347,9 @@ def _reason(decisive: Decisive, profile: Profile) -> str:
 
 def _faults(decisive: Decisive, where: str, world: str) -> list[str]:
     """Return what a failed policy broke, by the test."""
-    regret, direction, character = decisive.regret, decisive.direction, decisive.character
+    regret = decisive.regret
+    direction = decisive.direction
+    character = decisive.character
     clauses = []
     if regret.broken:
         clauses.append(
@@ -311,9 +373,11 @@ def _faults(decisive: Decisive, where: str, world: str) -> list[str]:
         )
     for test in decisive.competence:
         if test.decision is Decision.FAIL:
-            bound, allowed = words_of(test, test.low, world, "at least "), "allowed"
+            bound = words_of(test, test.low, world, "at least ")
+            allowed = "allowed"
             if test.side == "at least":
-                bound, allowed = words_of(test, test.high, world, "at most "), "needed"
+                bound = words_of(test, test.high, world, "at most ")
+                allowed = "needed"
             limit = amount_of(test, test.limit, world)
             clauses.append(f"it {bound} ({test.side} {limit} {allowed})")
     return clauses
@@ -321,7 +385,8 @@ def _faults(decisive: Decisive, where: str, world: str) -> list[str]:
 
 def where_of(direction: DirectionTest) -> str:
     """Return the angles of the direction that are not excluded, in words."""
-    above, below = direction.above, direction.below
+    above = direction.above
+    below = direction.below
     if above is None and below is None:
         return "no angle is excluded"
     if above is None or below is None:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.cli.drivers import observed
-from socialiq.cli.output import Printing
+from socialiq.cli.drivers import observed, with_one_ego
+from socialiq.cli.output import Policies
 from socialiq.cli.train import shared
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -16,17 +16,17 @@ from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous import config, standardise
 from socialiq.learners.continuous.train import LEARNERS, check_fit, train
 from socialiq.nn.actor_policy import ActorDial
-from socialiq.worlds import CONTINUOUS, registry
+from socialiq.worlds import grammar
 from socialiq.worlds.environment import action_size, environment_maker, sizes
+from socialiq.worlds.files import refuse_file
 from socialiq.worlds.gym import learning_env
-from socialiq.worlds.intersection.world import Intersection
 
 SIDE_BY_SIDE = 24
 """Episodes of the intersection side by side, of each run."""
 
 
 @dataclass(frozen=True)
-class SAC(Printing):
+class SAC(shared.Training):
     """Train actors by soft actor-critic on R(α), in a world and without demonstrations.
 
     With --set dial=true one actor for all angles.
@@ -48,13 +48,13 @@ class SAC(Printing):
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         return Task(self, None, self.world, self.allow_code, self.preset).run("sac")
 
 
 @dataclass(frozen=True)
-class TD3BC(Printing):
+class TD3BC(shared.Training):
     """Train actors by TD3+BC on λ R(α), offline from demonstrations of continuous actions.
 
     Example: socialiq train td3-bc mixed.safetensors --angle 0 45 --out run
@@ -69,11 +69,13 @@ class TD3BC(Printing):
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         data = self.labels.load(self.data, continuous=True)
         if not data.action_size:
-            raise UserError(f"{self.data} has discrete actions: td3-bc is of continuous ones")
+            raise UserError(
+                f"{shared.label_of(self.data)} has discrete actions: td3-bc is of continuous ones"
+            )
         return Task(self, data).run("td3-bc")
 
 
@@ -88,14 +90,26 @@ class Task:
     allow_code: bool = False  # whether the environment's module may be imported
     preset: str = ""  # name of the settings to begin with, "" for the learner's own
 
-    def run(self, name: str, further: Mapping[str, Any] | None = None) -> int:
-        """Train one of `LEARNERS` with further settings, write, print; return the exit status."""
-        command, data = self.command, self.data
+    def run(self, name: str, further: Mapping[str, Any] | None = None) -> Policies:
+        """Train one of `LEARNERS`, write the folder.
+
+        Args:
+            name: Name of the learner.
+            further: Settings by name, laid over those of the command's options.
+
+        Returns:
+            The outcome.
+
+        Raises:
+            UserError: If options, data and world don't fit each other or the learner.
+        """
+        command = self.command
+        data = self.data
         settings = command.size.settings() | dict(further or {})
         configs = LEARNERS[name].StaticConfig(), LEARNERS[name].Hyperparameters()
         if self.preset:
             presets = config.PRESETS.get(self.preset, {})
-            names = ", ".join(CONTINUOUS if presets else config.PRESETS)
+            names = "intersection,control=continuous" if presets else ", ".join(config.PRESETS)
             if not presets:
                 raise UserError(
                     f"no preset '{self.preset}' of continuous actions: choose {names}, or leave "
@@ -106,14 +120,14 @@ class Task:
                 raise UserError(
                     f"preset {self.preset} is of {learners}, not of {name}: leave it out"
                 )
-            if self.world and self.world not in CONTINUOUS:
+            if self.world and self._steered is None:
                 raise UserError(f"preset {self.preset} is not for {self.world}: choose {names}")
             configs = presets[name]
         static, numbers = command.options.apply(configs, settings)
         runs = command.grid.runs(numbers)
         kind = "dial" if getattr(static, "dial", False) else "policy"
         labels = getattr(command, "labels", None)  # SAC has no demonstrations
-        folder = shared.RunFolder(command.out, kind, command.options, command.json, labels)
+        folder = shared.RunFolder(command.out, kind, command.options, labels)
         change = self._standardisation(static, runs[0].seed)
         if change is not None and data is not None:
             data = change.transitions(data)
@@ -136,12 +150,18 @@ class Task:
             trained, record, change.policy if change else None, self._observe
         )
 
+    @property
+    def _steered(self) -> Any:
+        """The world, if it is an intersection with continuous actions; else None."""
+        written = grammar.parse(self.world)
+        return with_one_ego(written) if written.control and written.is_built else None
+
     def _observe(self, dial: ActorDial) -> np.ndarray:
         """Return observations of the demonstrations, or of the dial's episodes in the world."""
         if self.data is not None:
             return self.data.observation
-        if self.world in CONTINUOUS:
-            return observed(Intersection(registry.continuous_options(self.world)), dial)
+        if self._steered is not None:
+            return observed(self._steered, dial)
         return observed(
             environment_maker(self.world, None, self.allow_code, continuous=True)(), dial
         )
@@ -153,7 +173,7 @@ class Task:
             if scaling.leave_out:
                 raise UserError("--leave-out is of standardised observations: add --standardise")
             return None
-        if self.world in CONTINUOUS or static.view != "flat":
+        if self._steered is not None or static.view != "flat":
             raise UserError("observations of vehicles are scaled already: leave --standardise out")
         if self.data is not None:
             return standardise.Standardisation.of(self.data.observation, scaling.leave_out)
@@ -166,15 +186,15 @@ class Task:
         self, static: Any, runs: list[Any], change: standardise.Standardisation | None
     ) -> dict[str, Any]:
         """Return what `train` needs to let runs act in the world."""
-        registry.refuse_file(self.world)
-        data, chunk = self.data, static.updates_per_round
-        if self.world in CONTINUOUS:
+        refuse_file(self.world)
+        data = self.data
+        chunk = static.updates_per_round
+        if (world := self._steered) is not None:
             steps = chunk * getattr(static, "env_steps_per_update", 1)
-            options = registry.continuous_options(self.world)
-            listed = Intersection(options).n_features
+            listed = world.n_features
             clock = static.times > 0 if data is None else data.n_features == listed + 1
-            env = learning_env(Intersection(options), len(runs) * SIDE_BY_SIDE, clock)
-            shape = (listed + clock, options.width)
+            env = learning_env(world, len(runs) * SIDE_BY_SIDE, clock)
+            shape = (listed + clock, world.action_size)
             together = actors_together(static, runs)
             collector = VectorCollector(env, -(-steps // SIDE_BY_SIDE), runs, together)
         else:

@@ -1,6 +1,7 @@
 """`train dial`, `offline-dial` and `improve-dial`: one network for every social angle."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -9,8 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import complain_if_it_stands, observed, road_named
-from socialiq.cli.output import Display, Printing
+from socialiq.cli.drivers import complain_if_it_stands, observed, with_one_ego
+from socialiq.cli.output import Display, Policies
 from socialiq.cli.train import shared
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -30,15 +31,11 @@ from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq.worlds import CONTINUOUS, IDS, SCENE_IDS, grid_world, registry
+from socialiq.worlds import catalogue, grammar, grid_world, registry
+from socialiq.worlds.catalogue import ROADS
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.highway.effects import CAUSED
-from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.files import is_world_file
 
-ROADS = ("intersection", *SCENES)
-IMPROVING = "intersection", "intersection" + CAUSED, *registry.WALKED[:2], registry.WITH_CYCLISTS
-"""Worlds on highway-env's roads, with discrete actions."""
 ON_ROADS = "intersection"
 """Preset of these worlds."""
 OFFLINE = "offline-regularised"
@@ -46,7 +43,7 @@ OFFLINE = "offline-regularised"
 
 
 @dataclass(frozen=True)
-class Dial(Printing):
+class Dial(shared.Training):
     """Train one network for every social angle.
 
     Example: socialiq train dial clocked.safetensors --world crossing7 --out run
@@ -76,10 +73,11 @@ class Dial(Printing):
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         check_seeds(self.seed)
-        name, preset = self._preset()
+        written = grammar.parse(self.world)
+        name, preset = self._preset(written)
         structure = preset.structure
         if self.angle is not None:
             narrow = {"low": self.angle, "high": self.angle, "margin": 0.0}
@@ -89,24 +87,19 @@ class Dial(Printing):
         static, numbers = self.options.apply((structure, preset.numbers), self.size.settings())
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         budget = self._dual_ascent(name, static, runs)
-        if static.demonstrations and self.data is None:
-            collect = "socialiq collect WORLD --clock --out FILE"
-            if self.world in ROADS:
-                world = (IDS | SCENE_IDS)[self.world]
-                collect = f"socialiq collect {world} --driver FILE --out FILE"
-            raise UserError(
-                f"preset '{name}' learns from demonstrations: name their file ({collect})"
-            )
-        if not static.demonstrations and self.data is not None:
-            raise UserError(f"preset '{name}' takes no demonstrations: leave the file out")
+        self._check_data(name, static, written)
         data = self.labels.load_any(self.data)
-        simulator, collector, chunk = None, None, shared.CHUNK
-        if self.world in ROADS:
-            world, chunk = road_named(self.world), road_training.CHUNK
+        simulator = None
+        collector = None
+        chunk = shared.CHUNK
+        if written.name in ROADS:
+            world: Any = with_one_ego(written)
+            chunk = road_training.CHUNK
             clock = static.redraw_times > 0
             if clock:
                 # Data of `collect` lack the time, which is the number of the step.
-                times, reward = world.options.decisions, world.options.timeout_weight
+                times = world.options.decisions
+                reward = world.options.timeout_weight
                 static = replace(static, redraw_times=times, timeout_reward=reward)
                 plain = world.n_features
                 data = [rows.with_clock() if rows.n_features == plain else rows for rows in data]
@@ -123,7 +116,7 @@ class Dial(Printing):
             sizes = (world.n_features, world.n_actions)
             simulator = world if static.online else None
         config.check_fit(static, runs, data, simulator, sizes, collector is not None)
-        folder = shared.RunFolder(self.out, "dial", self.options, self.json, self.labels)
+        folder = shared.RunFolder(self.out, "dial", self.options, self.labels)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             options = {"chunk": ASCENT_EVERY if budget else chunk, "before_chunk": collector}
             trained = train(
@@ -137,21 +130,33 @@ class Dial(Printing):
             place = tabulate(world).reachable_part()
         return finish_dials(folder, trained, record, place, budget)
 
-    def _preset(self) -> tuple[str, Any]:
+    def _check_data(self, name: str, static: config.DialConfig, written: grammar.Written) -> None:
+        """Refuse demonstrations that a preset doesn't take, and a preset without its own."""
+        if static.demonstrations and self.data is None:
+            collect = "socialiq collect WORLD --clock --out FILE"
+            if written.name in ROADS:
+                collect = f"socialiq collect {self.world} --driver FILE --out FILE"
+            raise UserError(
+                f"preset '{name}' learns from demonstrations: name their file ({collect})"
+            )
+        if not static.demonstrations and self.data is not None:
+            raise UserError(f"preset '{name}' takes no demonstrations: leave the file out")
+
+    def _preset(self, written: grammar.Written) -> tuple[str, Any]:
         """Return the name and the preset, by default that of the world; refuse other worlds."""
-        if self.world in CONTINUOUS:
+        if written.control:
             raise UserError(
                 f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
                 "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
             )
-        if self.preset == OFFLINE or registry.is_world_file(self.world):
+        if self.preset == OFFLINE or is_world_file(self.world):
             raise UserError(
                 f"`socialiq train offline-dial FILE --world {self.world}` learns from "
                 "demonstrations alone: name that learner"
             )
-        one_of("world", self.world, (*registry.GRIDWORLDS, *ROADS))
+        one_of("world", written.name, catalogue.NAMES)
         presets = {**config.PRESETS, ON_ROADS: config.INTERSECTION}
-        road = self.world in ROADS
+        road = written.name in ROADS
         name = self.preset or (ON_ROADS if road else "online-short")
         one_of("preset", name, tuple(presets))
         if (name == ON_ROADS) != road:
@@ -163,7 +168,7 @@ class Dial(Printing):
         """Return the search of the strength for the budget, if there is one."""
         if self.budget is None:
             return None
-        if self.world in ROADS:
+        if catalogue.base(self.world) in ROADS:
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
         if static.classes:
             raise UserError("a budget is of one class angle: leave it out with --set classes=true")
@@ -181,8 +186,19 @@ def finish_dials(
     record: Row,
     world: Any,
     budget: Budget | None = None,
-) -> int:
-    """Write the dials and their record, with the outcome of the budget; return the exit status."""
+) -> Policies:
+    """Write the dials and their record, with the outcome of the budget.
+
+    Args:
+        folder: Folder of the run.
+        trained: Outcome of the training.
+        record: Further fields of run.json; the path of the budget is added to it.
+        world: World whose observations show whether a dial stands, as for `observed`.
+        budget: Search of the strength for a budget of regret; None if there was none.
+
+    Returns:
+        The outcome.
+    """
     losses = np.asarray(trained.history.array("loss"))[-1]
     labels = [{"seed": numbers.seed} for numbers in trained.hyperparameters]
     if budget is not None:
@@ -191,13 +207,14 @@ def finish_dials(
             | {"regret": look.regret.tolist(), "multiplier": look.multiplier.tolist()}
             for look in budget.path
         ]
-    with all_or_none(folder.out):
+    with all_or_none(folder.out) if folder.out else nullcontext():
         dials = []
         for run, saved in enumerate(
             folder.save_policies(trained, observe=partial(observed, world))
         ):
-            row = {"file": saved["file"], **labels[run], "loss": float(losses[run])}
-            dials.append(row | {"sha256": saved["sha256"]})
+            sha256 = saved.pop("sha256")
+            row = {**saved, **labels[run], "loss": float(losses[run]), "sha256": sha256}
+            dials.append(row)
             if budget is not None:
                 regret = float(budget.path[-1].regret[run])
                 dials[-1] |= {"multiplier": float(trained.retained[run]), "regret": regret}
@@ -205,7 +222,7 @@ def finish_dials(
 
 
 @dataclass(frozen=True)
-class ImproveDial(Printing):
+class ImproveDial(shared.Training):
     """Improve a dial of the intersection by rollouts in copies of the simulator.
 
     With crosswalks it begins with no dial, and the dial has two angles: the class angle is free
@@ -238,19 +255,23 @@ class ImproveDial(Printing):
     exit: drive the dial with --front-end known,exit=own."""
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         check_seeds(self.seed)
-        one_of("world", self.world, IMPROVING)
-        world = registry.make(self.world)
-        assert isinstance(world, Intersection)
+        written = grammar.parse(self.world)
+        one_of("world", written.name, (catalogue.INTERSECTION,))
+        world: Any = with_one_ego(written)
+        if written.control:
+            raise UserError(
+                f"{self.world} has continuous actions: `socialiq train sac` learns there"
+            )
         if self.agents < 1 or (self.agents > 1 and world.effects):
             raise UserError(f"--agents {self.agents}: give 1, or 2 to 16 in the plain intersection")
         if self.environments < 1:
             raise UserError(f"--environments {self.environments}: give 1 or more")
-        if self.shift and (self.agents > 1 or self.world != IMPROVING[0]):
-            raise UserError(f"--shift is of one ego in {IMPROVING[0]}: leave out the other")
-        walks = self.world in registry.WALKED
+        if self.shift and (self.agents > 1 or written.options):
+            raise UserError("--shift is of one ego in intersection: leave out the other")
+        walks = world.walks
         if walks != (self.dial is None) or (walks and self.agents > 1):
             raise UserError(
                 f"a dial of {self.world} begins with no dial and drives alone: leave both out"
@@ -260,7 +281,7 @@ class ImproveDial(Printing):
         settings = {} if self.updates is None else {"updates": self.updates}
         static, numbers, labeller, sizes, start = self._method(world, settings)
         runs = [replace(numbers, seed=seed) for seed in self.seed]
-        folder = shared.RunFolder(self.out, "dial", self.options, self.json)
+        folder = shared.RunFolder(self.out, "dial", self.options)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             method = static, runs, [labeller] * len(runs), sizes
             trained = iteration.train(*method, callbacks, road_training.CHUNK, start)
@@ -268,7 +289,7 @@ class ImproveDial(Printing):
         record |= {"shifts": list(self.shift)} if self.shift else {}
         return finish_dials(folder, trained, record, world)
 
-    def _method(self, world: Intersection, settings: dict[str, Any]) -> tuple[Any, ...]:
+    def _method(self, world: Any, settings: dict[str, Any]) -> tuple[Any, ...]:
         """Return structure, numbers, labeller, sizes and the first dial, if there is one."""
         if self.dial is None:
             presets = road_training.CROSSWALK, road_training.CROSSWALK_NUMBERS
@@ -293,7 +314,7 @@ class ImproveDial(Printing):
 
 
 @dataclass(frozen=True)
-class OfflineDial(Printing):
+class OfflineDial(shared.Training):
     """Train a dial of any world from demonstrations alone, regularised towards their drivers.
 
     Example: socialiq train offline-dial mixed.safetensors --world intersection --out run
@@ -313,8 +334,8 @@ class OfflineDial(Printing):
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: tyro.conf.OmitArgPrefixes[shared.SetOptions] = field(default_factory=shared.SetOptions)
 
-    def run(self) -> int:
-        """Train a dial for each seed, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train a dial for each seed, write the folder."""
         check_seeds(self.seed)
         data = self.labels.load(self.data)
         check_social([data])
@@ -322,26 +343,42 @@ class OfflineDial(Printing):
         configs = OfflineDialConfig(), OfflineDialHyperparameters()
         static, numbers = self.options.apply(configs, settings)
         runs = [replace(numbers, seed=seed) for seed in self.seed]
-        new_folder(self.out).rmdir()  # refused now if it has content or can't be made
+        out: Path | None = self.out  # a function may have none
+        if out:
+            new_folder(out).rmdir()  # refused now if it has content or can't be made
         self.labels.say()
-        with whole_folder(self.out) as folder:
-            dials = self.write(folder, static, runs, data)
-        return self.show({"out": str(self.out), "dials": dials}, dials)
+        with whole_folder(out) if out else nullcontext() as folder:
+            dials, trained = self.write(folder, static, runs, data)
+        return Policies({"out": str(out or ""), "dials": dials}, dials, "", trained)
 
     def write(
-        self, folder: Path, static: Any, runs: Sequence[Any], data: Demonstrations
-    ) -> list[Row]:
-        """Train, fill the folder with dials and their record; return the dials' entries."""
+        self, folder: Path | None, static: Any, runs: Sequence[Any], data: Demonstrations
+    ) -> tuple[list[Row], list[DialPolicy]]:
+        """Train, and fill the folder with dials and their record.
+
+        Args:
+            folder: Folder to fill; None for none.
+            static: Structure of the networks and of the training.
+            runs: Hyperparameters of each dial.
+            data: The demonstrations.
+
+        Returns:
+            The dials' entries in run.json (file, seed, SHA-256), and the dials.
+        """
         dials: list[Row] = []
+        policies: list[DialPolicy] = []
         metrics: list[Row] = []
         for number, numbers in enumerate(runs):
             with Display() as display:
                 stages = self.stages(number, static, numbers, data, display)
             file = f"dial_{number}.safetensors"
             dial = stages["dial"].policy(0)
-            sha256 = dial.save(folder / file)
-            complain_if_it_stands(str(self.out / file), dial, data.observation)
-            dials.append({"file": file, "seed": numbers.seed, "sha256": sha256})
+            policies.append(dial)
+            saved = shared.saved_in(folder, file, dial)
+            sha256 = saved.pop("sha256")
+            name = str(self.out / file) if folder else dial
+            complain_if_it_stands(name, dial, data.observation)
+            dials.append({**saved, "seed": numbers.seed, "sha256": sha256})
             for stage, trained in stages.items():
                 losses = np.asarray(trained.history.array("loss"))[:, 0]
                 start = {"seed": numbers.seed, "stage": stage}
@@ -349,6 +386,8 @@ class OfflineDial(Printing):
                     start | {"updates": updates, "loss": rounded(float(loss))}
                     for updates, loss in zip(trained.history.updates, losses, strict=True)
                 ]
+        if folder is None:
+            return dials, policies
         write_atomically(folder / "metrics.csv", as_csv(metrics))
         record = {
             "structure": asdict(static),
@@ -361,7 +400,7 @@ class OfflineDial(Printing):
             "dials": dials,
         }
         write_json(folder / "run.json", rounded(record))
-        return dials
+        return dials, policies
 
     def practised(self) -> Row | None:
         """Return the record of practice in the world; None for a training without."""
@@ -370,7 +409,18 @@ class OfflineDial(Printing):
     def stages(
         self, number: int, static: Any, numbers: Any, data: Demonstrations, display: Display
     ) -> dict[str, Trained]:
-        """Train the dial of a number, from 0; return the outcome of each stage of its training."""
+        """Train one dial.
+
+        Args:
+            number: Number of the dial, from 0.
+            static: Structure of the networks and of the training.
+            numbers: Hyperparameters of the dial.
+            data: The demonstrations.
+            display: Shows the progress.
+
+        Returns:
+            The outcome of each stage of the training; "dial" has the policy.
+        """
         del number  # of use to trainings that practise
 
         def progress(stage: str) -> Callbacks:
@@ -380,8 +430,20 @@ class OfflineDial(Printing):
 
 
 def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:
-    """Return what a world determines of the static config: encoding, length of an episode."""
-    world, sizes = registry.open_world(name), (data.n_features, data.n_actions)
+    """Return what a world determines of the static config: encoding, length of an episode.
+
+    Args:
+        name: Name of the world.
+        data: Demonstrations of this world, with a clock or without.
+
+    Returns:
+        Settings of the learner by name.
+
+    Raises:
+        UserError: If the demonstrations have other features or actions than the world.
+    """
+    world = registry.open_world(name)
+    sizes = data.n_features, data.n_actions
     for view in (world, world.with_clock()):
         if (view.n_features, view.n_actions) == sizes:
             if isinstance(view, grid_world.GridWorld):

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Printing
+from socialiq.cli.output import Policies
 from socialiq.cli.train import actors, shared
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -19,13 +19,15 @@ from socialiq.learners.extensions import LEARNERS
 from socialiq.learners.iq_learn.config import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.settings import check_seeds
+from socialiq.worlds.catalogue import GRIDS, base
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import environment_maker
-from socialiq.worlds.registry import GRIDWORLDS, make_grid, refuse_file
+from socialiq.worlds.files import refuse_file
+from socialiq.worlds.registry import make_grid
 
 
 @dataclass(frozen=True)
-class IQLearn(Printing):
+class IQLearn(shared.Training):
     """Train policies by IQ-Learn with R(α), one for every angle, seed and strength.
 
     Demonstrations of continuous actions train an actor, with --set dial=true one for all angles.
@@ -61,8 +63,8 @@ class IQLearn(Printing):
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         check_seeds(self.grid.seed)
         data = self.labels.load(self.data, continuous=True)
         names = ("prior", "value_term", "divergence")
@@ -100,7 +102,7 @@ class IQLearn(Printing):
 
 
 @dataclass(frozen=True)
-class Cloning(Printing):
+class Cloning(shared.Training):
     """Train policies by behaviour cloning, of discrete or continuous actions.
 
     Demonstrations count alike, or with --set weighted=true by how well they score at --angle.
@@ -117,8 +119,8 @@ class Cloning(Printing):
     scaling: shared.Scaling = field(default_factory=shared.ScalingOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         data = self.labels.load(self.data, continuous=True)
         if data.action_size:
             return actors.Task(self, data).run("behaviour-cloning")
@@ -127,7 +129,7 @@ class Cloning(Printing):
 
 
 @dataclass(frozen=True)
-class ConservativeQ(Printing):
+class ConservativeQ(shared.Training):
     """Train policies by conservative Q-learning on λ R(α), offline.
 
     Example: socialiq train cql mixed.safetensors --angle 0 45 --out run
@@ -141,13 +143,13 @@ class ConservativeQ(Printing):
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         return _trained_offline(self, self.labels.load(self.data), LEARNERS["cql"])
 
 
 @dataclass(frozen=True)
-class Own(Printing):
+class Own(shared.Training):
     """Train policies by a learner of your own, offline, with the settings that it has.
 
     Example: socialiq train own mine.py:Weighted mixed.safetensors --allow-code --out run
@@ -165,16 +167,16 @@ class Own(Printing):
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
 
-    def run(self) -> int:
-        """Train, write the folder, print what came out."""
+    def result(self) -> Policies:
+        """Train and write the folder."""
         data = self.labels.load(self.data)
         return _trained_offline(
             self, data, extensions.find_learner(self.learner, "LEARNER", self.allow_code)
         )
 
 
-def _trained_offline(command: Any, data: Demonstrations, learner: type[Any]) -> int:
-    """Train a learner with its own settings, and write the folder; return the exit status."""
+def _trained_offline(command: Any, data: Demonstrations, learner: type[Any]) -> Policies:
+    """Train a learner with its own settings, and write the folder."""
     configs = (learner.StaticConfig(), learner.Hyperparameters())
     static, numbers = command.options.apply(configs, command.size.settings())
     return _trained(command, data, static, command.grid.runs(numbers), {"learner": learner})
@@ -187,19 +189,21 @@ def _trained(
     runs: list[Any],
     functions: dict[str, Any],
     world: str = "",
-) -> int:
-    """Train with discrete actions, and write the folder; return the exit status."""
-    simulator, collector, monitor = None, None, None
+) -> Policies:
+    """Train with discrete actions, and write the folder."""
+    simulator = None
+    collector = None
+    monitor = None
     if world:
         refuse_file(world)
-    if world in GRIDWORLDS:  # stepped in the compiled program
+    if base(world) in GRIDS:  # stepped in the compiled program
         simulator = make_grid(world)
     elif world:
         make = environment_maker(world, (data.n_features, data.n_actions), command.allow_code)
         collector = acting_in(make, static, runs, shared.CHUNK)
     if "learner" not in functions:
         check_fit(static, runs, [data], simulator, collector is not None)
-    folder = shared.RunFolder(command.out, "policy", command.options, command.json, command.labels)
+    folder = shared.RunFolder(command.out, "policy", command.options, command.labels)
     if simulator is not None:
         table = tabulate(simulator).reachable_part()
         monitor = exact_monitor(table, [numbers.temperature for numbers in runs])

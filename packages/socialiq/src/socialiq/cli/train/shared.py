@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import complain_if_it_stands
-from socialiq.cli.output import Display, complain, print_json, print_table
+from socialiq.cli.output import Display, Policies, Printing, complain
 from socialiq.cli.signing import fault_of_model, path_of_signature
 from socialiq.cli.words import check_options
 from socialiq.demonstrations import files
@@ -27,7 +27,7 @@ from socialiq.outputs import all_or_none, new_folder
 from socialiq.reading import sha256_of_file
 from socialiq.results_folder import as_csv, versions
 from socialiq.settings import assignments, laid_over
-from socialiq.storage import write_atomically, write_json
+from socialiq.storage import sha256_of, write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
 
@@ -39,6 +39,22 @@ GRID = ("angle", "strength", "seed")
 """Settings in which the runs of a training differ."""
 PLURALS = {"policy": "policies", "dial": "dials"}
 """Kinds of policies, and their key in run.json."""
+
+
+class Training(Printing):
+    """Base of commands that train."""
+
+    def run(self) -> int:
+        """Train, write the folder, print; return the exit status, 1 if a run failed."""
+        outcome = self.result()
+        self.show(outcome.numbers, outcome.rows)
+        for failure in outcome.failures:
+            complain(failure)
+        return 1 if outcome.failures else 0
+
+    def result(self) -> Policies:
+        """Train, write the folder."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -95,7 +111,19 @@ class SetOptions:
     unknown key is answered with the list of those that the learner has."""
 
     def apply(self, configs: Sequence[Any], options: Mapping[str, Any]) -> list[Any]:
-        """Return the learner's configs with the given options and --set laid over them."""
+        """Return the learner's configs with the given options and --set laid over them.
+
+        Args:
+            configs: Frozen dataclasses of the learner; a setting is changed in the first that has
+                it.
+            options: Settings by name; --set comes after them.
+
+        Returns:
+            The changed configs, in the same order.
+
+        Raises:
+            UserError: If a setting is unknown or decided elsewhere, or a value doesn't fit it.
+        """
         words = assignments([word for words in self.set for word in words])
         for name in words.keys() & {*DECIDED}:
             raise UserError(f"{name} is no setting: other options, the data or the world decide it")
@@ -155,26 +183,43 @@ class LabelOptions:
         """Lines on what was dropped, or not checked; no option, so no field."""
         return []
 
-    def load_any(self, path: Path | None) -> list[Demonstrations]:
+    def load_any(self, path: Path | Demonstrations | None) -> list[Demonstrations]:
         """Read demonstrations where a file is named; a key of their collector needs one."""
         if self.collector and not path:
             raise UserError("--collector is of demonstrations: name their file, or leave it out")
         return [self.load(path)] if path else []
 
-    def load(self, path: Path, continuous: bool = False) -> Demonstrations:
-        """Read demonstrations; `say` what was dropped, or not checked, when the training begins.
+    def load(self, path: Path | Demonstrations, continuous: bool = False) -> Demonstrations:
+        """Read demonstrations, and check their signature and labels.
 
-        So a call that is refused says its own reason alone.
+        `say` tells what was dropped, or not checked, when the training begins. So a call that is
+        refused says its own reason alone.
+
+        Args:
+            path: File of the demonstrations, or these themselves.
+            continuous: Whether actions may be continuous.
+
+        Raises:
+            UserError: If the file can't be read, the collector's key did not sign it, or most of
+                its labels are wrong.
         """
         key = self.collector
-        if key and (fault := fault_of_model(path, path_of_signature(path), key)):
+        if not isinstance(path, Path):
+            data = path
+            if key:
+                raise UserError("--collector signs a file: name that of the demonstrations")
+            if data.action_size and not continuous:
+                raise UserError("continuous actions: this takes demonstrations of discrete ones")
+        elif key and (fault := fault_of_model(path, path_of_signature(path), key)):
             raise UserError(f"{fault}: ask the collector for the file")
-        data = files.load(path, continuous)
+        else:
+            data = files.load(path, continuous)
         if self.believe_labels:
             return data
-        data, line = trusted(data, str(path))
-        self.notices.extend([line] if line else [])
-        return data
+        kept, line = trusted(data, label_of(path))
+        if line and (isinstance(path, Path) or kept is not data):
+            self.notices.append(line)
+        return kept
 
     def say(self) -> None:
         """Say on standard error what of the demonstrations was dropped, or not checked."""
@@ -184,22 +229,29 @@ class LabelOptions:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Output folder of `train`, for policies of a kind: "policy" or "dial"."""
+    """Output folder of `train`, for policies of a kind: "policy" or "dial".
 
-    out: Path
+    A function may train without a folder; the policies are then in the outcome alone.
+    """
+
+    out: Path | None
     kind: str
     options: RunOptions
-    as_json: bool
     labels: LabelOptions | None = None  # of the demonstrations, if there are some
+
+    @cached_property
+    def trained(self) -> list[Any]:
+        """Policies that `save_policies` got; no option, so no field."""
+        return []
 
     @contextmanager
     def callbacks(self, runs: Sequence[Row], monitor: Any = None) -> Iterator[Callbacks]:
         """Make the folder; yield the callbacks of the training, with its progress shown.
 
-        A folder that the training made and wrote nothing into is removed when it fails.
+        If the training fails and has written no file, a folder that it made is removed.
 
         Args:
-            runs: By run, the settings in which it differs from the others.
+            runs: By run, the settings in which it differs from the remaining runs.
             monitor: Measures the policies after each chunk.
         """
         listeners: list[Callable[[Report], None]] = []
@@ -207,7 +259,7 @@ class RunFolder:
             self.labels.say()
 
         def remove_if_empty(failed: type[BaseException] | None, *_: Any) -> None:
-            if failed is not None:
+            if failed is not None and self.out:
                 with suppress(OSError):
                     self.out.rmdir()
 
@@ -223,7 +275,10 @@ class RunFolder:
                     "_".join(f"{name}_{value:g}" for name, value in row.items()) for row in runs
                 ]
                 listeners.append(stack.enter_context(tracker(folder, names)))
-            if not self.options.resume:
+            if self.out is None:
+                if self.options.resume:
+                    raise UserError("--resume goes on with the run of a folder: add --out")
+            elif not self.options.resume:
                 if not self.out.exists():
                     stack.push(remove_if_empty)
                 new_folder(self.out)
@@ -233,7 +288,7 @@ class RunFolder:
             yield Callbacks(
                 on_report=report_to_all,
                 monitor=monitor,
-                checkpoint=self.out / "checkpoint.safetensors",
+                checkpoint=self.out and self.out / "checkpoint.safetensors",
                 resume=self.options.resume,
             )
 
@@ -243,9 +298,16 @@ class RunFolder:
         change: Callable[[Any], Any] | None = None,
         observe: Callable[[Any], np.ndarray] | None = None,
     ) -> list[Row]:
-        """Write the policy of each run, changed if need be; return the files' names and hashes.
+        """Write the policy of each run, if there is a folder.
 
-        A dial that stands, by the observations that `observe` gives of it, is named.
+        Args:
+            trained: Outcome of the training.
+            change: Changes a policy before it is written; None leaves it as it is.
+            observe: Returns observations for a dial. If the dial takes the same actions of them at
+                every angle, a line on standard error says so. None checks no dial.
+
+        Returns:
+            File name and SHA-256 of each policy, in the order of the runs.
         """
         labels = [label(numbers) for numbers in trained.hyperparameters]
         words = list(map(str, range(len(labels))))
@@ -253,11 +315,14 @@ class RunFolder:
             words = names_of(labels)
         saved = []
         for run, word in enumerate(words):
-            file, policy = f"{self.kind}_{word}.safetensors", trained.policy(run)
+            file = f"{self.kind}_{word}.safetensors"
+            policy = trained.policy(run)
             policy = change(policy) if change else policy
-            saved.append({"file": file, "sha256": policy.save(self.out / file)})
+            self.trained.append(policy)
+            saved.append(saved_in(self.out, file, policy))
             if observe is not None and isinstance(policy, Dial):
-                complain_if_it_stands(str(self.out / file), policy, observe(policy))
+                name = str(self.out / file) if self.out else policy
+                complain_if_it_stands(name, policy, observe(policy))
         return saved
 
     def finish_policies(
@@ -266,8 +331,18 @@ class RunFolder:
         record: Mapping[str, Any],
         change: Callable[[Any], Any] | None = None,
         observe: Callable[[Any], np.ndarray] | None = None,
-    ) -> int:
-        """Write and print the policies of a grid, as `save_policies`; return the exit status."""
+    ) -> Policies:
+        """Write the policies of a grid, with metrics.csv and run.json.
+
+        Args:
+            trained: Outcome of the training.
+            record: Further fields of run.json.
+            change: As for `save_policies`.
+            observe: As for `save_policies`.
+
+        Returns:
+            The outcome.
+        """
         arrays = {name: trained.history.array(name) for name in trained.history.values}
         columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
         labels = [label(numbers) for numbers in trained.hyperparameters]
@@ -282,7 +357,7 @@ class RunFolder:
             {"angle_target" if name == "angle" else name: value for name, value in row.items()}
             for row in labels
         ]
-        with all_or_none(self.out):
+        with all_or_none(self.out) if self.out else nullcontext():
             saved = self.save_policies(trained, change, observe)
             policies = [
                 row | file | end for row, file, end in zip(labels, saved, last, strict=True)
@@ -295,8 +370,8 @@ class RunFolder:
         runs: Sequence[Row],
         policies: Sequence[Row],
         record: Mapping[str, Any],
-    ) -> int:
-        """Write metrics.csv and run.json, remove the checkpoint, print; return the exit status.
+    ) -> Policies:
+        """Write metrics.csv and run.json, remove the checkpoint; return the outcome.
 
         Args:
             trained: The training's outcome.
@@ -304,6 +379,12 @@ class RunFolder:
             policies: By run, its entry in run.json.
             record: Further entries of run.json.
         """
+        hidden = "sha256" if self.kind == "policy" else ""
+        shown = [{k: v for k, v in row.items() if k != hidden} for row in policies]
+        numbers = {"out": str(self.out or ""), PLURALS[self.kind]: policies}
+        outcome = Policies(numbers, shown, "", tuple(self.trained), trained.failures)
+        if self.out is None:
+            return outcome
         history = trained.history
         arrays = {name: history.array(name) for name in history.values}
         rows = [
@@ -321,18 +402,24 @@ class RunFolder:
         end = {"versions": versions(), "failures": trained.failures, PLURALS[self.kind]: policies}
         write_json(self.out / "run.json", rounded({**settings, **record, **end}))
         (self.out / "checkpoint.safetensors").unlink(missing_ok=True)
-        if self.as_json:
-            print_json({"out": str(self.out), PLURALS[self.kind]: policies})
-        else:
-            hidden = "sha256" if self.kind == "policy" else ""
-            print_table([{k: v for k, v in row.items() if k != hidden} for row in policies])
-        for failure in trained.failures:
-            complain(failure)
-        return 1 if trained.failures else 0
+        return outcome
+
+
+def saved_in(folder: Path | None, file: str, policy: Any) -> Row:
+    """Write a policy into a folder, if there is one; return its file's name and SHA-256.
+
+    Args:
+        folder: The folder; None without.
+        file: Name of the file.
+        policy: The policy, a `Saved`.
+    """
+    if folder:
+        return {"file": file, "sha256": policy.save(folder / file)}
+    return {"sha256": sha256_of(policy.KIND, policy.version, *policy.content())}
 
 
 def label(hyperparameters: Any) -> Row:
-    """Return what a run differs in from the others of its grid."""
+    """Return the settings in which a run differs from the remaining runs of its grid."""
     return {name: getattr(hyperparameters, name) for name in GRID if hasattr(hyperparameters, name)}
 
 
@@ -347,8 +434,15 @@ def names_of(labels: Sequence[Row]) -> list[str]:
     ]
 
 
-def described_file(path: Path) -> Row:
-    """Return the name and the SHA-256 of a file, for run.json."""
+def label_of(data: Path | Demonstrations) -> str:
+    """Return the name of demonstrations in messages."""
+    return str(data) if isinstance(data, Path) else "the demonstrations"
+
+
+def described_file(path: Path | Demonstrations) -> Row:
+    """Return the name and the SHA-256 of a file, for run.json; of a table that of its content."""
+    if not isinstance(path, Path):
+        return {"sha256": files.sha256_of(path)}
     return {"file": str(path), "sha256": sha256_of_file(path)}
 
 

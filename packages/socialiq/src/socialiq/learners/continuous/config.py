@@ -20,7 +20,7 @@ CUT = Endings(timeout="bootstrap")
 
 @dataclass(frozen=True, kw_only=True)
 class ActorConfig(settings.DrawnAngles):
-    """Choices that all learners of continuous actions have. The angles are of a dial."""
+    """Choices that all learners of continuous actions have. Only a dial reads the angles."""
 
     hidden: settings.Widths = (256, 256)
     """Widths of the hidden layers, of the actor and of each critic."""

@@ -59,7 +59,16 @@ class ContinuousIQLearn(ActorCritic):
     def demonstrated(
         self, key: PRNGKeyArray, hyperparameters: HyperparameterArrays, carry: Carry
     ) -> Batch:
-        """Return demonstrations, with the prior "reweighting" by their weights."""
+        """Return demonstrations, with the prior "reweighting" by their weights.
+
+        Args:
+            key: Random key.
+            hyperparameters: Numbers of one run.
+            carry: Carry of the run, with the cumulative weights.
+
+        Returns:
+            A batch of `batch_size` demonstrations.
+        """
         cumulative, _ = carry.more
         if cumulative is None:
             return super().demonstrated(key, hyperparameters, carry)
@@ -69,7 +78,16 @@ class ContinuousIQLearn(ActorCritic):
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
     ) -> tuple[Rows, Carry]:
-        """Act, sample rows, first states if term 2 is over them, and count endings."""
+        """Act, sample rows, first states if term 2 is over them, and count endings.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run, with the actor that acts.
+            carry: Carry of the run.
+
+        Returns:
+            The rows, demonstrations first, and the next carry.
+        """
         for_initial, key = jax.random.split(carry.key)
         rows, carry = super().draw(hyperparameters, state, carry._replace(key=key))
         cumulative, endings = carry.more
@@ -80,14 +98,27 @@ class ContinuousIQLearn(ActorCritic):
             rows = rows._replace(initial=first)
         if endings is not None:
             endings = followed(endings, rows.batch.ending[rows.n_expert :], state)
-            rows, carry = rows._replace(more=endings), carry._replace(more=(cumulative, endings))
+            rows = rows._replace(more=endings)
+            carry = carry._replace(more=(cumulative, endings))
         return rows, carry
 
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """The mean of both critics' objectives, and the losses of actor and temperature."""
-        rows, for_critics, for_actor = batch, *jax.random.split(batch.key)
+        """Return the mean of both critics' objectives, plus the losses of actor and temperature.
+
+        Args:
+            network: Actor, critics and log τ.
+            target_network: Running average of these.
+            batch: Rows of the update.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and its terms by name; "max_q", "expert_reward" and "entropy" are recorded
+            only.
+        """
+        rows = batch
+        for_critics, for_actor = jax.random.split(batch.key)
         of_each = self.critic_terms(network, target_network, rows, for_critics, hyperparameters)
         terms = jax.tree.map(lambda *values: sum(values) / len(values), *of_each)
         total = jnp.sum(jnp.stack([terms[name] for name in ADDED if name in terms]))
@@ -108,9 +139,23 @@ class ContinuousIQLearn(ActorCritic):
         key: PRNGKeyArray,
         hyperparameters: HyperparameterArrays,
     ) -> list[Terms]:
-        """Return the terms of Eq 2.7 and 4.5 for each critic."""
-        batch, chi2_alpha = rows.batch, hyperparameters.chi2_alpha
-        target, n_expert = score(rows.direction, batch.target), rows.n_expert
+        """Return the terms of Eq 2.7 and 4.5 for each critic.
+
+        Args:
+            network: Actor, critics and log τ.
+            target_network: Running average of these.
+            rows: Rows of the update.
+            key: Random key of the drawn actions.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The terms of the first and of the second critic; "max_q" and "expert_reward" (mean r̂ on
+            demonstrations) are recorded only.
+        """
+        batch = rows.batch
+        chi2_alpha = hyperparameters.chi2_alpha
+        target = score(rows.direction, batch.target)
+        n_expert = rows.n_expert
         critics = (network, target_network.critics)
         value, after, start = self.values(*critics, rows, key, hyperparameters)
         taken = jax.vmap(network.critics)(
@@ -143,6 +188,17 @@ class ContinuousIQLearn(ActorCritic):
 
         V(s') is the smaller of the target critics' without gradient, or with `next_value` online
         each critic's own with gradient.
+
+        Args:
+            network: Actor, critics and log τ.
+            target_critics: Running average of the critics.
+            rows: Rows of the update.
+            key: Random key of the drawn actions.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The three values, each (row, critic); the last one is None if the rows have no initial
+            states.
         """
         keys = jax.random.split(key, 3)
         temperature = self.temperature(network, hyperparameters)
@@ -175,7 +231,19 @@ class ContinuousIQLearn(ActorCritic):
         temperature: Scalar,
         smaller: bool = False,
     ) -> Float[Array, "batch 2"]:
-        """V(s) = E_π[Q_i - τ log π] of each critic, or of the smaller Q for both; π is fixed."""
+        """Return V(s) = E_π[Q_i - τ log π] of each critic; π is fixed.
+
+        Args:
+            network: The actor, which gets no gradient.
+            critics: The critics.
+            inputs: Inputs of each state, (batch, input).
+            key: Random key of the drawn actions.
+            temperature: τ, in units of reward.
+            smaller: Whether the smaller Q of each drawn action is taken for both critics.
+
+        Returns:
+            V of each state by each critic.
+        """
         count = self.static.actions_per_state
         sampled = actor_critic.draw_actions(frozen(network.actor), inputs, key, count)
         q = actor_critic.drawn_values(critics, inputs, sampled)
@@ -190,7 +258,16 @@ class ContinuousIQLearn(ActorCritic):
 def regression_terms(
     expert: Float[Array, " expert"], learner: Float[Array, " own"], chi2_alpha: Scalar | float
 ) -> Terms:
-    """Return the two terms of the regression of r̂ (`losses.regression_term`)."""
+    """Return the two terms of the regression of r̂ (`losses.regression_term`).
+
+    Args:
+        expert: r̂ of the demonstrations.
+        learner: r̂ of the own rows.
+        chi2_alpha: α_χ of Eq 2.7.
+
+    Returns:
+        The terms "expert" and "own".
+    """
     bound = losses.reward_bound(chi2_alpha)
     return {
         "expert": losses.regression_term(expert, bound, chi2_alpha),

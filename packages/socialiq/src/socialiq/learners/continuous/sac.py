@@ -27,8 +27,19 @@ class SoftActorCritic(ActorCritic):
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """Losses of the critics, the actor and a tuned temperature, in one sum."""
-        rows, for_target, for_actor = batch, *jax.random.split(batch.key)
+        """Return the losses of the critics, the actor and a tuned temperature, in one sum.
+
+        Args:
+            network: Actor, critics and log τ.
+            target_network: Running average of these.
+            batch: Rows of own transitions.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and its terms by name; "entropy" and "max_q" are recorded only.
+        """
+        rows = batch
+        for_target, for_actor = jax.random.split(batch.key)
         target = self.target(network, target_network, rows, for_target, hyperparameters)
         inputs = self.inputs(rows.batch.observation, rows.direction)
         q = jax.vmap(network.critics)(inputs, rows.batch.action)
@@ -45,7 +56,20 @@ class SoftActorCritic(ActorCritic):
         key: Array,
         hyperparameters: HyperparameterArrays,
     ) -> Float[Array, " batch"]:
-        """Y = λR(α) + γ (1 - d) V(s'), V(s') = E_π[min_i Q_i - τ log π] of the target critics."""
+        """Return Y = λR(α) + γ (1 - d) V(s'), with V(s') by the target critics.
+
+        V(s') = E_π[min_i Q_i - τ log π].
+
+        Args:
+            network: Actor that draws the next actions, and log τ.
+            target_network: Critics of Q_i.
+            rows: Rows of the update.
+            key: Random key of the next actions.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            Y of each row, without gradient.
+        """
         after = self.inputs(rows.batch.next_observation, rows.direction)
         temperature = self.temperature(network, hyperparameters)
         count = self.static.actions_per_state
@@ -75,7 +99,18 @@ class TD3BC(ActorCritic):
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """Losses of the critics and of the actor, in one sum."""
+        """Return the losses of the critics and of the actor, in one sum.
+
+        Args:
+            network: Actor and critics.
+            target_network: Running average of these.
+            batch: Rows of demonstrations.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and its terms by name; "gap", the squared distance from demonstrated actions,
+            and "max_q" are recorded only.
+        """
         rows = batch
         target = self.target(target_network, rows, rows.key, hyperparameters)
         inputs = self.inputs(rows.batch.observation, rows.direction)
@@ -98,7 +133,17 @@ class TD3BC(ActorCritic):
         key: PRNGKeyArray,
         hyperparameters: HyperparameterArrays,
     ) -> Float[Array, " batch"]:
-        """Y = λR(α) + γ (1 - d) min_i Q_i(s', a' + noise) of the target networks (TD3)."""
+        """Return Y = λR(α) + γ (1 - d) min_i Q_i(s', a' + noise) of the target networks (TD3).
+
+        Args:
+            target_network: Actor of a', and critics of Q_i.
+            rows: Rows of the update.
+            key: Random key of the noise.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            Y of each row, without gradient.
+        """
         numbers = hyperparameters
         after = self.inputs(rows.batch.next_observation, rows.direction)
         action = jnp.tanh(jax.vmap(target_network.actor)(after)[0])
@@ -114,6 +159,14 @@ class TD3BC(ActorCritic):
 
 
 def normalised(value: Float[Array, " batch"], weight: Any) -> Float[Array, ""]:
-    """Weight `E[Q] / E[|Q|]`, the divisor without gradient (Fujimoto and Gu 2021, Eq 4)."""
+    """Return w E[Q] / E[abs Q], the divisor without gradient (Fujimoto and Gu 2021, Eq 4).
+
+    Args:
+        value: Q of each row.
+        weight: w.
+
+    Returns:
+        The weighted mean; the divisor is at least 1e-6.
+    """
     size = jax.lax.stop_gradient(jnp.mean(jnp.abs(value)))
     return weight * jnp.mean(value) / jnp.maximum(size, 1e-6)

@@ -1,8 +1,8 @@
 """Standardised observations: each feature with mean 0 and deviation 1.
 
 Mean and deviation are over the demonstrations, or, without any, over steps at random in the world.
-Features of different units, a velocity of 10 m/s beside an angle of 0.1 rad, reach small networks
-alike. The learner sees standardised observations only; its policy takes them as they are.
+Features of different units, such as a velocity of 10 m/s and an angle of 0.1 rad, reach small
+networks alike. The learner sees standardised observations only; its policy takes them as they are.
 """
 
 from __future__ import annotations
@@ -32,7 +32,13 @@ def explored(
 ) -> Float32[np.ndarray, "row feature"]:
     """Return the flat observations of steps with uniformly drawn actions from a `Box`.
 
-    The seed is of the first episode and of the actions; the last episode may be cut.
+    Args:
+        env: Environment of flat observations.
+        seed: Seed of the first episode and of the actions.
+        steps: Number of steps; the last episode may be cut.
+
+    Returns:
+        The observations, first ones of episodes among them, so at least `steps + 1` rows.
     """
     space = env.action_space
     assert isinstance(space, spaces.Box)
@@ -65,13 +71,19 @@ class Standardisation:
     ) -> Standardisation:
         """Return the change of these observations; a feature that never changes keeps its unit.
 
-        Features left out, counted from 0, are not seen by the networks.
+        Args:
+            observation: Observations, (row, feature).
+            left_out: Features that the networks don't see, counted from 0.
+
+        Returns:
+            The change.
 
         Raises:
             UserError: If there is no such feature, or none is left.
         """
         observation = np.asarray(observation, np.float64)
-        mean, deviation = observation.mean(axis=0), observation.std(axis=0)
+        mean = observation.mean(axis=0)
+        deviation = observation.std(axis=0)
         deviation = np.where(deviation > 0.0, deviation + _LEAST, 1.0)
         unknown = [feature for feature in left_out if not 0 <= feature < len(mean)]
         if unknown:
@@ -125,7 +137,8 @@ class Standardisation:
             return dataclasses.replace(trained, turned=self.policy(trained.turned))
         if trained.view is not None:
             raise UserError("a view reads vehicles in their units: leave --standardise out")
-        (first, *weights), (bias, *biases) = trained.weights, trained.biases
+        first, *weights = trained.weights
+        bias, *biases = trained.biases
         count = len(self.mean)
         scaled = first.astype(np.float64)
         scaled[:, :count] /= self.deviation

@@ -43,9 +43,21 @@ def train(
 ) -> Trained:
     """Train one run for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 
-    The config's class says which learner: `ContinuousIQLearn`, `SoftActorCritic` or `TD3BC`. The
-    sizes, length of an observation and of an action, are needed only where neither demonstrations
-    nor a simulator tell. A prior and divergence of the user's own are only of IQ-Learn.
+    Args:
+        static: Config of all runs, whose class says which learner: `ContinuousIQLearn`,
+            `SoftActorCritic` or `TD3BC`.
+        hyperparameters: Numbers of each run, or those of one run.
+        datasets: Sets of demonstrations, or one set.
+        simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
+        sizes: Length of an observation and of an action, needed only where neither demonstrations
+            nor a simulator tell.
+        callbacks: Progress, monitor, checkpoint.
+        chunk: Updates between two calls of the callbacks.
+        before_chunk: Adds experience from outside JAX (`learners.collect`).
+        user_functions: Prior and divergence of the user's own, of IQ-Learn only.
+
+    Returns:
+        The trained runs.
 
     Raises:
         UserError: If settings, data and world don't fit together.
@@ -82,6 +94,17 @@ def check_fit(
 ) -> tuple[int, int]:
     """Return (features, length of an action) of runs that fit data and world.
 
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run.
+        datasets: Sets of demonstrations.
+        simulator: The world to act in; None without.
+        sizes: (features, length of an action) that the caller gives; None if data or world tell.
+        collects: Whether experience comes from outside JAX.
+
+    Returns:
+        The sizes.
+
     Raises:
         UserError: As `settings.check_fit`; or if data have no use or discrete actions, a dial has
             an angle, or a view doesn't fit the observation.
@@ -95,7 +118,8 @@ def check_fit(
         raise UserError("a dial is trained for all angles from low to high: leave out --angle")
     shapes = [(data.observation.shape[1], data.action.shape[1]) for data in datasets]
     shapes += [(simulator.n_features, simulator.action_size)] if simulator is not None else []
-    online, acts = getattr(static, "online", learner.online), simulator is not None or collects
+    online = getattr(static, "online", learner.online)
+    acts = simulator is not None or collects
     if static.dial and not online:
         settings.check_social(datasets)
     sets = len(datasets) if learner.shown else None

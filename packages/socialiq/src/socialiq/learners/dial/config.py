@@ -182,7 +182,22 @@ def check_fit(
     sizes: tuple[int, int] | None,
     collects: bool,
 ) -> tuple[int, int]:
-    """Return (features, actions) of runs that fit data and world, as `settings.check_fit`."""
+    """Return (features, actions) of runs that fit data and world.
+
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run.
+        datasets: Sets of demonstrations.
+        simulator: The world to act in; None without.
+        sizes: (features, actions) that the caller gives; None if data or world tell.
+        collects: Whether experience comes from outside JAX.
+
+    Returns:
+        The sizes.
+
+    Raises:
+        UserError: As `settings.check_fit`.
+    """
     sets = len(datasets) if static.demonstrations else None
     shapes = [(data.observation.shape[1], data.n_actions) for data in datasets]
     shapes += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []

@@ -40,8 +40,33 @@ def objective(
     hyperparameters: HyperparameterArrays,
     static: DialConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
-    """Return the loss and its terms: `expert` and `value` of IQ-Learn, `prior` the quadratic."""
-    batch, direction, expert = rows.batch, rows.direction, slice(rows.n_expert)
+    """Return the loss and its terms: `expert` and `value` of IQ-Learn, `prior` the quadratic.
+
+    Args:
+        network: Network of Q, and of r̂ with V(s').
+        target_network: Network of V(s').
+        rows: Rows of the update, demonstrations first.
+        hyperparameters: Numbers of one run.
+        static: Config of the run.
+
+    Returns:
+        The loss, and the terms "expert" and "value" if there are demonstrations, "prior", "max_q"
+        (recorded only) and "loss".
+
+    Args:
+        network: Network of Q, and of r̂ with V(s').
+        target_network: Network of V(s').
+        rows: Rows of the update, demonstrations first.
+        hyperparameters: Numbers of one run.
+        static: Config of the run.
+
+    Returns:
+        The loss, and the terms "expert" and "value" if there are demonstrations, "prior", "max_q"
+        (recorded only) and "loss".
+    """
+    batch = rows.batch
+    direction = rows.direction
+    expert = slice(rows.n_expert)
     q, later, rewards = _implied(network, target_network, rows, hyperparameters, static)
     pairs = static.heads == "pair"
     reward = score(direction, like(direction, rewards)) if pairs else rewards[0]
@@ -73,8 +98,10 @@ def _implied(
     static: DialConfig,
 ) -> tuple[Array, list[Array], list[Array]]:
     """Return Q of all actions, and (1 - d) V(s') and r̂: of pairs each reward's, else one."""
-    batch, direction = rows.batch, rows.direction
-    discount, pairs = hyperparameters.discount, static.heads == "pair"
+    batch = rows.batch
+    direction = rows.direction
+    discount = hyperparameters.discount
+    pairs = static.heads == "pair"
 
     def outputs(of: DialNetwork, observation: Array) -> tuple[Array, ...]:
         if pairs:
@@ -87,7 +114,8 @@ def _implied(
 
     heads = outputs(network, batch.observation)
     heads_next = outputs(target_network, batch.next_observation)
-    q, absorbing = values(heads), 0.0
+    q = values(heads)
+    absorbing = 0.0
     if static.backup == "soft":
         temperature = hyperparameters.temperature
         absorbing = losses.absorbing_value(q.shape[-1], temperature, discount)
@@ -108,7 +136,22 @@ def _implied(
 
 
 def like(direction: RewardPair, parts: Any) -> RewardPair:
-    """Return the values of parts in the form of a direction: a pair, or r_social by class."""
+    """Return the values of parts in the form of a direction: a pair, or r_social by class.
+
+    Args:
+        direction: Direction whose form is taken.
+        parts: Values of r_env, then of each part of r_social.
+
+    Returns:
+        The pair of values.
+
+    Args:
+        direction: Direction whose form is taken.
+        parts: Values of r_env, then of each part of r_social.
+
+    Returns:
+        The pair of values.
+    """
     return jax.tree.unflatten(jax.tree.structure(direction), parts)
 
 

@@ -58,9 +58,25 @@ class Stage(Learner):
     def draw(
         self, hyperparameters: HyperparameterArrays, _state: TrainState, carry: Array
     ) -> tuple[tuple[Rows, RewardPair], Array]:
-        """Return rows of the run's own data, and a direction (cos α, sin α) drawn for each."""
+        """Return rows of the run's own data, and a direction (cos α, sin α) drawn for each.
+
+        Args:
+            hyperparameters: Numbers of one run; `dataset` is the index of the run's data.
+            carry: Random key.
+
+        Returns:
+            `batch_size` rows with their directions, and the next key.
+
+        Args:
+            hyperparameters: Numbers of one run; `dataset` is the index of the run's data.
+            carry: Random key.
+
+        Returns:
+            `batch_size` rows with their directions, and the next key.
+        """
         key, for_rows, for_angles = jax.random.split(carry, 3)
-        static, run = self.static, hyperparameters.dataset
+        static = self.static
+        run = hyperparameters.dataset
         chosen = draw_between(for_rows, static.batch_size, self.bounds[run], self.bounds[run + 1])
         directions = draw_directions(for_angles, static.batch_size, static.without_idle_share)
         rows = jax.tree.map(lambda column: column[chosen], self.rows)
@@ -74,14 +90,23 @@ class Behaviour(Stage):
 
     def network(self, key: Any) -> QNetwork:
         """Draw a network of logits."""
-        static, (n_features, n_actions) = self.static, self.sizes
+        static = self.static
+        n_features, n_actions = self.sizes
         shape = (n_features, static.hidden, n_actions, static.activation, static.view)
         return QNetwork.initialise(key, *shape, static.one_hot)
 
     def loss(
         self, network: Any, _target: Any, batch: Any, _numbers: Any
     ) -> tuple[Float[Array, ""], Terms]:
-        """Negative log-likelihood."""
+        """Return the negative log-likelihood of the recorded actions.
+
+        Args:
+            network: Network of logits.
+            batch: What `draw` returned.
+
+        Returns:
+            The loss in nats, and the only term, "loss".
+        """
         loss = losses.behaviour_loss(network, batch[0])
         return loss, {"loss": loss}
 
@@ -99,7 +124,17 @@ class Critics(Stage):
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """Squared Bellman error of both rewards."""
+        """Return the squared Bellman error of both rewards.
+
+        Args:
+            network: The ensemble.
+            target_network: Running average of the ensemble.
+            batch: What `draw` returned.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and the terms "loss" and "max_target" (recorded only).
+        """
         rows, direction = batch
         numbers = hyperparameters
         where = (rows, direction, self.units[numbers.dataset])
@@ -123,15 +158,26 @@ class Distillation(Stage):
 
     def network(self, key: Any) -> DialNetwork:
         """Draw the dial."""
-        static, (n_features, n_actions) = self.static, self.sizes
+        static = self.static
+        n_features, n_actions = self.sizes
         shape = (n_features, static.hidden, n_actions, static.activation, static.view)
         return DialNetwork.initialise(key, *shape, static.one_hot)
 
     def loss(
         self, network: Any, _target: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """Distance from the behaviour policy less the score."""
-        numbers, (rows, direction) = hyperparameters, batch
+        """Return the distance from the behaviour policy less the score.
+
+        Args:
+            network: The dial.
+            batch: What `draw` returned.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss in nats, and the only term, "loss".
+        """
+        numbers = hyperparameters
+        rows, direction = batch
         temperature = losses.price(direction, numbers.temperature, numbers.end_temperature)
         critics = jax.tree.map(lambda leaf: leaf[numbers.dataset], self.critics)
         unit = self.units[numbers.dataset]
@@ -139,8 +185,24 @@ class Distillation(Stage):
         return loss, {"loss": loss}
 
     def policy(self, hyperparameters: Any, state: TrainState, _retained: Any = None) -> DialPolicy:
-        """Return the trained dial, the running average of the network."""
-        static, record = self.static, self.record(hyperparameters)
+        """Return the trained dial, the running average of the network.
+
+        Args:
+            hyperparameters: Numbers of the run, for the record.
+            state: State of the run.
+
+        Returns:
+            The dial, with temperature 1: softmax of its values is the policy.
+
+        Args:
+            hyperparameters: Numbers of the run, for the record.
+            state: State of the run.
+
+        Returns:
+            The dial, with temperature 1: softmax of its values is the policy.
+        """
+        static = self.static
+        record = self.record(hyperparameters)
         return DialPolicy.of(state.target_network, 1.0, static.low, static.high, record)
 
 
@@ -153,8 +215,15 @@ def train(
 ) -> dict[str, Trained]:
     """Train dials on recorded episodes and their reward pairs, each on its own, in one program.
 
-    Each run has whole episodes of its own. The callbacks are called with the name of each stage.
-    Returns the outcome of each stage, by its name; that of "dial" has the policies.
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run; their `dataset` is set here.
+        datasets: Whole episodes of each run.
+        callbacks: Function from the name of a stage to the stage's callbacks.
+        chunk: Updates between two calls of the callbacks.
+
+    Returns:
+        The outcome of each stage, by its name; that of "dial" has the policies.
 
     Raises:
         UserError: If there is no run, the data differ in features or actions, an episode misses
@@ -169,7 +238,8 @@ def train(
     tables, units = zip(*(recorded(data, static.whole_episode) for data in datasets), strict=True)
     bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
     shared: dict[str, Any] = {"bounds": jnp.asarray(bounds, jnp.int32), "units": jnp.stack(units)}
-    size, runs = sizes.pop(), [replace(run, dataset=n) for n, run in enumerate(hyperparameters)]
+    size = sizes.pop()
+    runs = [replace(run, dataset=n) for n, run in enumerate(hyperparameters)]
     done: dict[str, Trained] = {}
 
     def finish(name: str, stage: Stage) -> Any:
@@ -196,7 +266,12 @@ def train(
 def recorded(data: Transitions, decisions: int = 0) -> tuple[Rows, Float[Array, " 2"]]:
     """Return all transitions of whole episodes, log β still 0, and the spread of returns-to-go.
 
-    A whole episode has so many decisions; 0: as many as the longest one.
+    Args:
+        data: Recorded episodes of one run.
+        decisions: Number of decisions of a whole episode; 0: as many as the longest one.
+
+    Returns:
+        The rows, and the standard deviation of the returns-to-go of both rewards, at least 1e-3.
 
     Raises:
         UserError: If an episode misses steps, or one is longer than a whole one.
@@ -208,7 +283,8 @@ def recorded(data: Transitions, decisions: int = 0) -> tuple[Rows, Float[Array, 
     longest = int(step.max()) + 1
     if decisions and longest > decisions:
         raise UserError(f"an episode has {longest} decisions, more than a whole one: {decisions}")
-    horizon, empty = decisions or longest, jnp.zeros((len(step), data.n_actions), jnp.float32)
+    horizon = decisions or longest
+    empty = jnp.zeros((len(step), data.n_actions), jnp.float32)
     ending = np.asarray(data.ending)
     cut = (ending == int(Ending.TIMEOUT)) & (step + 1 < decisions)
     rows = Rows(
@@ -229,7 +305,22 @@ def recorded(data: Transitions, decisions: int = 0) -> tuple[Rows, Float[Array, 
 def log_probabilities(
     network: QNetwork, observation: Float[Array, "row feature"]
 ) -> Float[Array, "row action"]:
-    """Return log softmax of a network's outputs for many rows, block by block."""
+    """Return log softmax of a network's outputs for many rows, block by block.
+
+    Args:
+        network: Network of logits.
+        observation: Observations, (row, feature).
+
+    Returns:
+        The log-probabilities, (row, action).
+
+    Args:
+        network: Network of logits.
+        observation: Observations, (row, feature).
+
+    Returns:
+        The log-probabilities, (row, action).
+    """
     compute = jax.jit(lambda block: jax.nn.log_softmax(jax.vmap(network)(block)))
     blocks = [observation[i : i + _BLOCK] for i in range(0, len(observation), _BLOCK)]
     return jnp.concatenate([compute(block) for block in blocks])

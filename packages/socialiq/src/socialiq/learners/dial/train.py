@@ -60,7 +60,8 @@ class Dial(Learner):
 
     def network(self, key: PRNGKeyArray) -> DialNetwork:
         """Draw Q."""
-        static, (n_features, n_actions) = self.static, self.sizes
+        static = self.static
+        n_features, n_actions = self.sizes
         knots = knots_between(static.low - static.margin, static.high + static.margin, static.knots)
         inputs = static.view, static.one_hot, static.times
         shape = (n_features, static.hidden, n_actions, static.activation, *inputs)
@@ -73,7 +74,8 @@ class Dial(Learner):
         state = self.first_state(self.network(for_network))
         ring = None
         if static.online:
-            row, zero = Batch.empty(self.sizes[0]), jnp.zeros(())
+            row = Batch.empty(self.sizes[0])
+            zero = jnp.zeros(())
             pair = RewardPair(zero, ByClass(zero, zero) if static.classes else zero)
             row = row._replace(target=pair, direction=pair if static.driven_share else None)
             ring = Replay.empty(static.replay_capacity, row)
@@ -91,8 +93,29 @@ class Dial(Learner):
     def act(
         self, hyperparameters: HyperparameterArrays, network: DialNetwork, carry: Carry, key: Array
     ) -> Carry:
-        """Take one step in every environment, into the replay; an ended episode begins again."""
-        ring, now, count = carry.replay, carry.acting, self.static.environments
+        """Take one step in every environment, into the replay; an ended episode begins again.
+
+        Args:
+            hyperparameters: Numbers of one run, with τ and the share of random actions.
+            network: Network that acts by softmax(Q/τ).
+            carry: Carry of the run.
+            key: Random key.
+
+        Returns:
+            The carry with the new transitions in its replay, and the new place in the world.
+
+        Args:
+            hyperparameters: Numbers of one run, with τ and the share of random actions.
+            network: Network that acts by softmax(Q/τ).
+            carry: Carry of the run.
+            key: Random key.
+
+        Returns:
+            The carry with the new transitions in its replay, and the new place in the world.
+        """
+        ring = carry.replay
+        now = carry.acting
+        count = self.static.environments
         assert self.simulator and ring and now  # `check_fit` asks for online training
         for_action, for_chance, for_random, for_step, for_new = jax.random.split(key, 5)
         q = jax.vmap(network)(now.observation, now.direction)
@@ -117,7 +140,24 @@ class Dial(Learner):
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
     ) -> tuple[Rows, Carry]:
-        """Act in the world, if there is one, and sample rows and angles."""
+        """Act in the world, if there is one, and sample rows and angles.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run, with the network that acts.
+            carry: Carry of the run.
+
+        Returns:
+            The rows, demonstrations first, and the next carry.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run, with the network that acts.
+            carry: Carry of the run.
+
+        Returns:
+            The rows, demonstrations first, and the next carry.
+        """
         key, for_acting, for_rows = jax.random.split(carry.key, 3)
         carry = carry._replace(key=key)
         if self.simulator is not None:
@@ -128,13 +168,40 @@ class Dial(Learner):
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """The dial's objective."""
+        """Return the dial's objective.
+
+        Args:
+            network: Network of Q.
+            target_network: Network of V(s').
+            batch: Rows of the update.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and its terms by name.
+        """
         return objective(network, target_network, batch, hyperparameters, self.static)
 
     def update(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
     ) -> tuple[TrainState, Carry, Terms]:
-        """Act, sample rows and angles, and take one Adam step under the multiplier."""
+        """Act, sample rows and angles, and take one Adam step under the multiplier.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run.
+            carry: Carry of the run, with the multiplier.
+
+        Returns:
+            The next state and carry, and the terms of the loss with "multiplier".
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run.
+            carry: Carry of the run, with the multiplier.
+
+        Returns:
+            The next state and carry, and the terms of the loss with "multiplier".
+        """
         weighed_now = weighed(hyperparameters, carry.multiplier)
         state, carry, terms = super().update(weighed_now, state, carry)
         return state, carry, terms | {"multiplier": carry.multiplier}
@@ -146,7 +213,24 @@ class Dial(Learner):
     def policy(
         self, hyperparameters: DialHyperparameters, state: TrainState, multiplier: Any = 1.0
     ) -> DialPolicy | ClassDial:
-        """Return the trained dial of one run."""
+        """Return the trained dial of one run.
+
+        Args:
+            hyperparameters: Numbers of the run, for the temperature and the record.
+            state: State of the run.
+            multiplier: What `retained` returned, by which the temperature is divided.
+
+        Returns:
+            The dial; of the social angle and the class angle with `classes`.
+
+        Args:
+            hyperparameters: Numbers of the run, for the temperature and the record.
+            state: State of the run.
+            multiplier: What `retained` returned, by which the temperature is divided.
+
+        Returns:
+            The dial; of the social angle and the class angle with `classes`.
+        """
         return dial_of(self.static, hyperparameters, deployed(state), float(np.float64(multiplier)))
 
     def run_name(self, hyperparameters: DialHyperparameters) -> str:
@@ -165,7 +249,26 @@ def dial_of(
     network: DialNetwork,
     multiplier: float = 1.0,
 ) -> DialPolicy | ClassDial:
-    """Return a network as a dial with its record."""
+    """Return a network as a dial with its record.
+
+    Args:
+        static: Config of the run, for the range of angles and the record.
+        hyperparameters: Numbers of the run, for the temperature and the record.
+        network: Network of one run.
+        multiplier: Multiplier of the prior's weight, by which the temperature is divided.
+
+    Returns:
+        The dial; of the social angle and the class angle with `classes`.
+
+    Args:
+        static: Config of the run, for the range of angles and the record.
+        hyperparameters: Numbers of the run, for the temperature and the record.
+        network: Network of one run.
+        multiplier: Multiplier of the prior's weight, by which the temperature is divided.
+
+    Returns:
+        The dial; of the social angle and the class angle with `classes`.
+    """
     record = {
         "learner": "dial",
         "structure": dataclasses.asdict(static),
@@ -190,8 +293,20 @@ def train(
 ) -> Trained:
     """Train one dial for each entry of `hyperparameters`, as `iq_learn.train.train` does a policy.
 
-    `sizes`, the features of an observation and the number of actions, is needed only where neither
-    demonstrations nor a simulator tell. `budget` moves the multiplier (`Budget`).
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run, or those of one run.
+        datasets: Sets of demonstrations, or one set.
+        simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
+        sizes: Features of an observation and number of actions, needed only where neither
+            demonstrations nor a simulator tell.
+        callbacks: Progress, monitor, checkpoint.
+        chunk: Updates between two calls of the callbacks.
+        before_chunk: Adds experience from outside JAX (`learners.collect`).
+        budget: Moves the multiplier between two chunks (`Budget`).
+
+    Returns:
+        The trained runs.
 
     Raises:
         UserError: If settings, data and world don't fit together.
@@ -217,6 +332,20 @@ def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> Hyperpa
 
     In the primal problem (docs/theory.md) the score then weighs μ times as much against the data's
     χ², while the entropy weighs what it did; and Q keeps its size.
+
+    Args:
+        hyperparameters: Numbers of one run.
+        multiplier: μ.
+
+    Returns:
+        A copy with the changed weight and temperature.
+
+    Args:
+        hyperparameters: Numbers of one run.
+        multiplier: μ.
+
+    Returns:
+        A copy with the changed weight and temperature.
     """
     return hyperparameters.replace(
         prior_weight=hyperparameters.prior_weight * multiplier,
@@ -269,8 +398,11 @@ class Budget:
             raise UserError("a budget of regret must be above 0: an exact optimum is never certain")
         if not 0 < low < high:
             raise UserError(f"multipliers from {low:g} to {high:g}: give 0 < low < high")
-        self._regret, self._budget = regret, np.asarray(budget, np.float64)
-        self._step, self._low, self._high = step, low, high
+        self._regret = regret
+        self._budget = np.asarray(budget, np.float64)
+        self._step = step
+        self._low = low
+        self._high = high
         self.path: list[Look] = []
 
     def __call__(self, runs: Runs, done: int) -> Runs:

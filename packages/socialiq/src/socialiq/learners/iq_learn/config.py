@@ -2,7 +2,7 @@
 
 The thesis leaves the meaning of "cumulative returns", the number of updates, the size of the data
 and the treatment of V(s') open. The presets are the variants that come closest to each study; the
-ablation tables of the studies show what the others give.
+ablation tables of the studies show the results of further variants.
 """
 
 from __future__ import annotations

@@ -41,7 +41,15 @@ DIVERGENCES: dict[str, Divergence] = {
 
 
 def phi(name: str | Divergence, reward: Any) -> Any:
-    """φ(r̂), continued by its tangent below the floor."""
+    """Return φ(r̂), continued by its tangent below the floor.
+
+    Args:
+        name: Name in `DIVERGENCES`, or a divergence.
+        reward: r̂, of any shape.
+
+    Returns:
+        φ of each reward.
+    """
     divergence = DIVERGENCES[name] if isinstance(name, str) else name
     if divergence.floor is None:
         return divergence.phi(reward)
@@ -50,7 +58,15 @@ def phi(name: str | Divergence, reward: Any) -> Any:
 
 
 def phi_slope(name: str | Divergence, reward: Any) -> Any:
-    """φ'(r̂): the weight of an expert transition in term 1 of Eq 2.7."""
+    """Return φ'(r̂): the weight of an expert transition in term 1 of Eq 2.7.
+
+    Args:
+        name: Name in `DIVERGENCES`, or a divergence.
+        reward: r̂, of any shape.
+
+    Returns:
+        φ' of each reward, the slope of the tangent below the floor.
+    """
     divergence = DIVERGENCES[name] if isinstance(name, str) else name
     if divergence.floor is None:
         return divergence.slope(reward)
@@ -60,15 +76,31 @@ def phi_slope(name: str | Divergence, reward: Any) -> Any:
 def soft_value(
     q: Float[Array, "*batch action"], temperature: Scalar | float
 ) -> Float[Array, "*batch"]:
-    """V(s) = τ log sum_a exp(Q(s, a) / τ) (Eq 2.5)."""
+    """Return V(s) = τ log sum_a exp(Q(s, a) / τ) (Eq 2.5).
+
+    Args:
+        q: Q of each state and action, actions on the last axis.
+        temperature: τ, in units of reward.
+
+    Returns:
+        V of each state.
+    """
     return temperature * jax.nn.logsumexp(q / temperature, axis=-1)
 
 
 def absorbing_value(n_actions: int, temperature: Scalar | float, discount: Scalar | float) -> Any:
-    """Value of a state that is never left and pays nothing: the entropy bonus for ever.
+    """Return the value of a state that is never left and pays nothing: the entropy bonus for ever.
 
     τ log|A| / (1 - γ). With V = 0 instead, ending an episode forfeits that bonus, which favours
     long episodes.
+
+    Args:
+        n_actions: `|A|`, the number of actions; of continuous ones the volume.
+        temperature: τ, in units of reward.
+        discount: γ.
+
+    Returns:
+        The value, in units of reward.
     """
     return temperature * jnp.log(n_actions) / (1.0 - discount)
 
@@ -85,12 +117,21 @@ def reward_bound(chi2_alpha: Scalar | float) -> Any:
 
 
 def regression_term(reward: Column, target: Any, chi2_alpha: Scalar | float) -> Scalar:
-    """E[(r̂ - target)²] / (8 α_χ): one side of Eq 2.7 as a regression of the soft Bellman reward.
+    """Return E[(r̂ - target)²] / (8 α_χ): one side of Eq 2.7 as a regression.
 
-    Where term 2 is over the learner's own rows and these are drawn from its policy, E[V - γ V']
-    is E[r̂] but for the entropy, which has no gradient in Q. With term 3 over as many rows of
-    either side, terms 1 to 3 are then, but for a constant, E_E[(r̂ - 4 α_χ)²] / (8 α_χ) plus
-    E_own[(r̂ + 4 α_χ)²] / (8 α_χ) (Al-Hafez et al. 2023): `target` is ± `reward_bound`.
+    The soft Bellman reward r̂ is regressed to a constant. Where term 2 is over the learner's own
+    rows and these are drawn from its policy, E[V - γ V'] equals E[r̂] up to the entropy, which has
+    no gradient in Q. With term 3 over as many rows of either side, terms 1 to 3 are then, up to a
+    constant, E_E[(r̂ - 4 α_χ)²] / (8 α_χ) plus E_own[(r̂ + 4 α_χ)²] / (8 α_χ) (Al-Hafez et al.
+    2023).
+
+    Args:
+        reward: r̂ of each row of one side.
+        target: `reward_bound` for demonstrations, and its negative for own rows.
+        chi2_alpha: α_χ.
+
+    Returns:
+        The term.
     """
     return jnp.mean(jnp.square(reward - target)) / (8.0 * chi2_alpha)
 
@@ -101,7 +142,17 @@ def value_bounds(
     discount: Scalar | float,
     chi2_alpha: Scalar | float,
 ) -> tuple[Any, Any]:
-    """Return the least and greatest V(s), entropy included, under rewards within `reward_bound`."""
+    """Return the least and greatest V(s), entropy included, under rewards within `reward_bound`.
+
+    Args:
+        n_actions: Number of actions; of continuous ones the volume.
+        temperature: τ, in units of reward.
+        discount: γ.
+        chi2_alpha: α_χ.
+
+    Returns:
+        The least value, and the greatest one.
+    """
     bound = reward_bound(chi2_alpha) / (1.0 - discount)
     return -bound, bound + absorbing_value(n_actions, temperature, discount)
 
@@ -112,12 +163,20 @@ def occupancy_value(
     discount: Scalar | float,
     chi2_alpha: Scalar | float,
 ) -> Float[Array, " kind"]:
-    """4 α_χ (d_E - d) / (d_E + d) / (1 - γ): the optimal value of a state that is never left.
+    """Return 4 α_χ (d_E - d) / (d_E + d) / (1 - γ), the optimal value of a state never left.
 
     Such a state has one transition, into itself, and its reward is the optimum of `reward_bound`.
-    Both densities are proportional to how often the state is reached: the share of the
-    demonstrations, and of the learner's own transitions, that end in each kind of ending. Where
-    neither side reaches it the value is 0, and is not used.
+    Both densities are proportional to how often the state is reached.
+
+    Args:
+        expert_share: Share of the demonstrations that end in each kind of ending.
+        own_share: Share of the learner's own transitions that end in each kind.
+        discount: γ.
+        chi2_alpha: α_χ.
+
+    Returns:
+        The value after each kind of ending. It is 0, and not used, where neither side reaches the
+        kind.
     """
     total = expert_share + own_share
     contrast = (expert_share - own_share) / jnp.where(total > 0.0, total, 1.0)
@@ -131,11 +190,21 @@ def continuation(
     absorbing: Any,
     occupancy: Float[Array, " kind"] | None = None,
 ) -> Column:
-    """(1 - d) V(s') of Eq 2.6, with d decided for each kind of ending, 0 where the episode goes on.
+    """Return (1 - d) V(s') of Eq 2.6, with d decided for each kind of ending.
 
-    The treatment of a kind is "zero" (d = 1), "bootstrap" (d = 0: the episode was only cut off),
-    "absorbing" (d = 1 with the value of `absorbing_value`) or "occupancy" (d = 1 with the value of
-    its kind in `occupancy`, of `occupancy_value`).
+    Where the episode goes on d is 0.
+
+    Args:
+        next_value: V(s') of each row.
+        ending: Value of `types.Ending` of each row.
+        treatment: Treatment of each kind: "zero" (d = 1), "bootstrap" (d = 0: the episode was only
+            cut off), "absorbing" (d = 1 with the value `absorbing`) or "occupancy" (d = 1 with the
+            value of its kind in `occupancy`).
+        absorbing: `absorbing_value`.
+        occupancy: `occupancy_value` of each kind; None if no treatment is "occupancy".
+
+    Returns:
+        The value that follows each row.
     """
     value = next_value
     for kind, choice in treatment.items():
@@ -158,10 +227,20 @@ def continued(
     static: Any,
     shares: Float[Array, "2 kind"] | None = None,
 ) -> Column:
-    """(1 - d) V(s') by the endings of a config, with V(s') in its bounds if it asks for them.
+    """Return (1 - d) V(s') by the endings of a config, with V(s') in bounds if it asks for them.
 
-    The number of continuous actions is the volume of all. The treatment "occupancy" needs the
-    shares of endings of demonstrations and own rows.
+    Args:
+        next_value: V(s') of each row.
+        ending: Value of `types.Ending` of each row.
+        n_actions: Number of actions; of continuous ones the volume.
+        temperature: τ, in units of reward.
+        hyperparameters: Numbers of one run.
+        static: Config with `endings`, and `bounded` if it has that.
+        shares: Shares of demonstrations and of own rows that end in each kind of ending; needed by
+            the treatment "occupancy".
+
+    Returns:
+        The value that follows each row.
     """
     discount = hyperparameters.discount
     if getattr(static, "bounded", False):
@@ -180,15 +259,31 @@ def implicit_reward(
     continuation: Column,
     discount: Scalar | float,
 ) -> Column:
-    """r̂(s, a) = Q(s, a) - γ (1 - d) V(s') (Eq 2.6)."""
+    """Return r̂(s, a) = Q(s, a) - γ (1 - d) V(s') (Eq 2.6).
+
+    Args:
+        q_taken: Q of the action taken, of each row.
+        continuation: (1 - d) V(s') of each row.
+        discount: γ.
+
+    Returns:
+        r̂ of each row.
+    """
     return q_taken - discount * continuation
 
 
 def expert_term(divergence: str | Divergence, expert_reward: Column) -> Scalar:
-    """-E_E[φ'(r̂) r̂], term 1 of Eq 2.7.
+    """Return -E_E[φ'(r̂) r̂], term 1 of Eq 2.7.
 
     φ' is a constant weight here, so the gradient is that of -E_E[φ(r̂)], the objective of the
     IQ-Learn paper (its Eq 9).
+
+    Args:
+        divergence: Name in `DIVERGENCES`, or a divergence.
+        expert_reward: r̂ of each demonstration.
+
+    Returns:
+        The term.
     """
     weight = jax.lax.stop_gradient(phi_slope(divergence, expert_reward))
     return -jnp.mean(weight * expert_reward)
@@ -199,24 +294,59 @@ def value_term(
     continuation: Column,
     discount: Scalar | float,
 ) -> Scalar:
-    """E[V(s) - γ (1 - d) V(s')], term 2 of Eq 2.7, over the batch that is passed."""
+    """Return E[V(s) - γ (1 - d) V(s')], term 2 of Eq 2.7, over the batch that is passed.
+
+    Args:
+        value: V(s) of each row.
+        continuation: (1 - d) V(s') of each row.
+        discount: γ.
+
+    Returns:
+        The term.
+    """
     return jnp.mean(value - discount * continuation)
 
 
 def initial_value_term(initial_value: Column, discount: Scalar | float) -> Scalar:
-    """(1 - γ) E_p0[V(s_0)]: what term 2 equals over true initial states (IQ-Learn Cor. 2.1)."""
+    """Return (1 - γ) E_p0[V(s_0)], to which term 2 is equal (IQ-Learn Cor. 2.1).
+
+    Args:
+        initial_value: V(s_0) of each true initial state.
+        discount: γ.
+
+    Returns:
+        The term.
+    """
     return (1.0 - discount) * jnp.mean(initial_value)
 
 
 def chi2_term(reward: Column, chi2_alpha: Scalar | float) -> Scalar:
-    """E[r̂²] / (4 α_χ), term 3 of Eq 2.7."""
+    """Return E[r̂²] / (4 α_χ), term 3 of Eq 2.7.
+
+    Args:
+        reward: r̂ of each row.
+        chi2_alpha: α_χ.
+
+    Returns:
+        The term.
+    """
     return jnp.mean(jnp.square(reward)) / (4.0 * chi2_alpha)
 
 
 def social_prior(
     reward: Column, target: Column, strength: Scalar | float, trimmed: float = 0.0
 ) -> Scalar:
-    """L_reg = E_E[(r̂ - λ R(α))²] (Eq 4.4), without a share of a batch's largest squares."""
+    """Return L_reg = E_E[(r̂ - λ R(α))²] (Eq 4.4).
+
+    Args:
+        reward: r̂ of each row.
+        target: R(α) of each row.
+        strength: λ.
+        trimmed: Share of the rows with the largest squares that is left out.
+
+    Returns:
+        The mean square of the rows that are kept.
+    """
     squares = jnp.square(reward - strength * target)
     if trimmed > 0.0:  # least trimmed squares (Rousseeuw 1984): labels that fit nothing don't count
         squares = jnp.sort(squares)[: squares.size - int(trimmed * squares.size)]
@@ -224,10 +354,18 @@ def social_prior(
 
 
 def bellman_shift(reward: Column, target: Column, strength: Scalar | float) -> Column:
-    """r̂_shifted = r̂ - λ R(α) (Eq B.1).
+    """Return r̂_shifted = r̂ - λ R(α) (Eq B.1).
 
     In term 1 with χ² (φ' = 1) the shift adds a constant to the loss, so it has no gradient: it
     steers only under another divergence or inside term 3, where it is `shifted_chi2`.
+
+    Args:
+        reward: r̂ of each row.
+        target: R(α) of each row.
+        strength: λ.
+
+    Returns:
+        The shifted reward of each row.
     """
     return reward - strength * target
 
@@ -239,10 +377,20 @@ def shifted_chi2(
     chi2_alpha: Scalar | float,
     prior: Callable[..., Scalar] = social_prior,
 ) -> Scalar:
-    """E[(r̂ - λ R(α))²] / (4 α_χ): term 3 itself centred on the social score.
+    """Return E[(r̂ - λ R(α))²] / (4 α_χ): term 3 itself centred on the social score.
 
     One quadratic instead of Eq 4.5's two, whose sum is itself such a quadratic: with
     c = 1/(4 α_χ), c r̂² + w (r̂ - λR)² = (c + w) (r̂ - λR w/(c + w))² + constant.
+
+    Args:
+        reward: r̂ of each row.
+        target: R(α) of each row.
+        strength: λ.
+        chi2_alpha: α_χ.
+        prior: Function of reward, target and strength that gives the mean square.
+
+    Returns:
+        The term.
     """
     return prior(reward, target, strength) / (4.0 * chi2_alpha)
 
@@ -252,7 +400,16 @@ def demonstration_weights(
     allowed: Bool[Array, " transition"],
     reweight_temperature: Scalar | float,
 ) -> Float[Array, " transition"]:
-    """w_i = exp(R_i / τ_w) / sum_j exp(R_j / τ_w) (Eq B.2), over the allowed transitions."""
+    """Return w_i = exp(R_i / τ_w) / sum_j exp(R_j / τ_w) (Eq B.2), over the allowed transitions.
+
+    Args:
+        target: R(α) of each transition.
+        allowed: Whether each transition may have a weight.
+        reweight_temperature: τ_w, in units of the target.
+
+    Returns:
+        The weights, of sum 1; 0 for transitions that are not allowed.
+    """
     logits = jnp.where(allowed, target / reweight_temperature, -jnp.inf)
     exponentials = jnp.exp(logits - jnp.max(logits))
     return exponentials / jnp.sum(exponentials)
@@ -261,10 +418,19 @@ def demonstration_weights(
 def table_weights(
     table: ExpertTable, hyperparameters: HyperparameterArrays
 ) -> Float[Array, " transition"]:
-    """Eq B.2 over the transitions of a run's data set, by their targets; 0 on other rows."""
+    """Return the weights of Eq B.2 over the transitions of a run's data set, by their targets.
+
+    Args:
+        table: Demonstrations of all runs.
+        hyperparameters: Numbers of one run: its set, its angle's weights, and τ_w.
+
+    Returns:
+        The weights of all rows of the table; 0 outside the run's set.
+    """
     rows = jnp.arange(table.columns.action.shape[0])
     dataset = hyperparameters.dataset
-    first, end = table.row_bounds[dataset], table.row_bounds[dataset + 1]
+    first = table.row_bounds[dataset]
+    end = table.row_bounds[dataset + 1]
     target = score(hyperparameters.weights, table.columns.target)
     allowed = (rows >= first) & (rows < end)
     return demonstration_weights(target, allowed, hyperparameters.reweight_temperature)

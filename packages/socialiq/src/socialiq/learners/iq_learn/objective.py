@@ -66,13 +66,23 @@ def objective(
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """Return the loss and its terms by name.
 
-    Terms: `expert`, `value`, `chi2` are terms 1 to 3 of Eq 2.7, `prior` is w L_reg; `max_q` and
-    `expert_reward` (mean r̂ on demonstrations) are recorded only.
+    Args:
+        network: Network of Q.
+        target_network: Network of V(s'), unless `next_value` is "online".
+        batches: Rows of the update.
+        hyperparameters: Numbers of one run.
+        static: Config of the run.
+        functions: Prior and divergence of the user's own.
+
+    Returns:
+        The loss, and its terms: `expert`, `value`, `chi2` are terms 1 to 3 of Eq 2.7, `prior` is w
+        L_reg; `max_q` and `expert_reward` (mean r̂ on demonstrations) are recorded only.
     """
     batch = batches.expert
     if batches.replay is not None:
         batch = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), batch, batches.replay)
-    temperature, discount = hyperparameters.temperature, hyperparameters.discount
+    temperature = hyperparameters.temperature
+    discount = hyperparameters.discount
 
     q = jax.vmap(network)(batch.observation)
     source = target_network if static.next_value == "target" else network
@@ -106,10 +116,21 @@ def terms_of(
 ) -> dict[str, Scalar]:
     """Return terms 1 to 3 of Eq 2.7 and the social prior of r̂ and R(α); term 3 only with χ².
 
-    The first `batch_size` rows are demonstrations. Value is V(s), what follows (1 - d) V(s'), and
-    start V(s_0) of true initial states, over which term 2 then is.
+    Args:
+        reward: r̂ of each row; the first `batch_size` rows are demonstrations.
+        target: R(α) of each row.
+        value: V(s) of each row.
+        follows: (1 - d) V(s') of each row.
+        start: V(s_0) of true initial states, over which term 2 is taken; None: over rows.
+        hyperparameters: Numbers of one run.
+        static: Config of the run.
+        functions: Prior and divergence of the user's own.
+
+    Returns:
+        The terms "expert" and "value", and "chi2" and "prior" where the config has them.
     """
-    strength, expert = hyperparameters.strength, slice(static.batch_size)
+    strength = hyperparameters.strength
+    expert = slice(static.batch_size)
     rows = slice(None) if static.chi2_on == "mixture" else expert
     shifted = reward
     if static.prior == "bellman_shift":

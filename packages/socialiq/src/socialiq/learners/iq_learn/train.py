@@ -72,7 +72,8 @@ class IQLearn(Learner):
         key, for_network, for_world = jax.random.split(jax.random.key(hyperparameters.seed), 3)
         network: Any = self.network(for_network)
         if static.form == "dueling":
-            (n_features, n_actions), tau = self.sizes, hyperparameters.temperature
+            n_features, n_actions = self.sizes
+            tau = hyperparameters.temperature
             shape = (n_features, static.hidden, n_actions, static.activation, static.view)
             network = DuelingNetwork.initialise(for_network, tau, *shape, static.input_scale)
         episode, observation = self.simulator.reset(for_world) if self.simulator else (None, None)
@@ -85,9 +86,28 @@ class IQLearn(Learner):
     def draw(
         self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
     ) -> tuple[Batches, Carry]:
-        """Act in the world, if there is one, and sample the batches of an update."""
+        """Act in the world, if there is one, and sample the batches of an update.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run, with the network that acts.
+            carry: Carry of the run.
+
+        Returns:
+            The batches, each of `batch_size` rows, and the next carry.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            state: State of the run, with the network that acts.
+            carry: Carry of the run.
+
+        Returns:
+            The batches, each of `batch_size` rows, and the next carry.
+        """
         assert self.table is not None
-        size, table, dataset = self.static.batch_size, self.table, hyperparameters.dataset
+        size = self.static.batch_size
+        table = self.table
+        dataset = hyperparameters.dataset
         key, for_acting, for_expert, for_replay, for_initial = jax.random.split(carry.key, 5)
         carry = carry._replace(key=key)
         if self.simulator is not None:
@@ -109,8 +129,20 @@ class IQLearn(Learner):
     def act(
         self, hyperparameters: HyperparameterArrays, network: Any, carry: Carry, key: Array
     ) -> Carry:
-        """Take steps in the world with the soft policy, into the replay."""
-        ring, observation, episode = carry.replay, carry.observation, carry.episode
+        """Take `env_steps_per_update` steps in the world with the soft policy.
+
+        Args:
+            hyperparameters: Numbers of one run.
+            network: Network that acts by softmax(Q/τ).
+            carry: Carry of the run.
+            key: Random key.
+
+        Returns:
+            The carry with the new transitions in its replay, and the new place in the world.
+        """
+        ring = carry.replay
+        observation = carry.observation
+        episode = carry.episode
         assert self.simulator and ring and observation is not None  # `check_fit` asks for online
         for step_key in jax.random.split(key, self.static.env_steps_per_update):
             for_action, for_step, for_reset = jax.random.split(step_key, 3)
@@ -129,7 +161,17 @@ class IQLearn(Learner):
     def loss(
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
-        """L_IQ + w L_reg (Eq 4.5)."""
+        """Return L_IQ + w L_reg (Eq 4.5), or the loss of the user's own.
+
+        Args:
+            network: Network of Q.
+            target_network: Network of V(s').
+            batch: Rows of the update.
+            hyperparameters: Numbers of one run.
+
+        Returns:
+            The loss, and its terms by name.
+        """
         inputs = (network, target_network, batch, hyperparameters, self.static)
         return self.own.loss(*inputs) if self.own.loss else objective(*inputs, self.own)
 
@@ -218,7 +260,14 @@ def train(
 def unread(static: Any, no_social: str, functions: UserFunctions) -> str:
     """Return why no term of IQ-Learn's objective reads an angle; "" if one does.
 
-    `no_social` says that the demonstrations have no social rewards; replay may have them.
+    Args:
+        static: Config of the run.
+        no_social: Reason if the demonstrations have no social rewards, else ""; replay may have
+            them.
+        functions: Functions of the user's own; a loss is taken to read the angle.
+
+    Returns:
+        The reason, a part of a sentence.
     """
     if functions.loss is not None:
         return ""
@@ -230,8 +279,19 @@ def unread(static: Any, no_social: str, functions: UserFunctions) -> str:
 
 
 def demonstrated(learner: Learner, hyperparameters: HyperparameterArrays) -> tuple[Any, Any]:
-    """Return cumulative weights and endings of demonstrations, as of `Carry`; None without use."""
-    table, static = learner.table, learner.static
+    """Return cumulative weights and endings of demonstrations, as `Carry` has them.
+
+    Args:
+        learner: A learner with demonstrations.
+        hyperparameters: Numbers of one run.
+
+    Returns:
+        The cumulative weights, None unless the prior is "reweighting"; and the shares of endings,
+        None unless an ending has the treatment "occupancy". The second row of the shares, that of
+        the replay, is 0.
+    """
+    table = learner.table
+    static = learner.static
     assert table is not None
     cumulative = endings = None
     if static.prior == "reweighting":
@@ -245,7 +305,24 @@ def demonstrated(learner: Learner, hyperparameters: HyperparameterArrays) -> tup
 def followed(
     endings: Float[Array, "2 kind"], kinds: Int[Array, " batch"], state: TrainState
 ) -> Float[Array, "2 kind"]:
-    """Mix the endings of a batch of replay into the average, a plain one at first."""
+    """Mix the endings of a batch of replay into the average, a plain one at first.
+
+    Args:
+        endings: Shares of endings: of the demonstrations, and the average over replay.
+        kinds: Value of `types.Ending` of each row of the batch.
+        state: State of the run, for the number of updates done.
+
+    Returns:
+        The shares with a new average.
+
+    Args:
+        endings: Shares of endings: of the demonstrations, and the average over replay.
+        kinds: Value of `types.Ending` of each row of the batch.
+        state: State of the run, for the number of updates done.
+
+    Returns:
+        The shares with a new average.
+    """
     share = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
     batch = shares_of_endings(kinds, jnp.ones(len(kinds), bool))
     return endings.at[1].add(share * (batch - endings[1]))
@@ -258,7 +335,21 @@ def check_fit(
     simulator: Simulator | None,
     collects: bool,
 ) -> tuple[int, int]:
-    """Return (features, actions) of runs that fit data and world, as `settings.check_fit`."""
+    """Return (features, actions) of runs that fit data and world.
+
+    Args:
+        static: Config of all runs.
+        hyperparameters: Numbers of each run.
+        datasets: Sets of demonstrations; the sizes of the first one are checked.
+        simulator: The world to act in; None without.
+        collects: Whether experience comes from outside JAX.
+
+    Returns:
+        The sizes.
+
+    Raises:
+        UserError: As `settings.check_fit`; or if the returns of the target kind are not known.
+    """
     shapes = [(data.observation.shape[1], data.n_actions) for data in datasets[:1]]
     shapes += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
     acts = simulator is not None or collects

@@ -37,7 +37,7 @@ export class Core {
   }
 
   place({ name, type, bytes, shape }) {
-    const rows = name === "trace" ? this.traced : name === "settings" ? 1 : this.rows;
+    const rows = name.endsWith("trace") ? this.traced : name === "settings" ? 1 : this.rows;
     const count = shape.reduce((product, length) => product * length, rows);
     const place = this.program.allocate(Math.max(count * bytes, 1));
     this.places[name] = place;
@@ -48,8 +48,8 @@ export class Core {
 
   /** Carry out the commands in `arrays.commands`. */
   run() {
-    const { agents, capacity, observed } = this.layout;
-    const status = this.program.step_rows(...this.pointers, this.rows, this.traced, agents, capacity, observed);
+    const { agents, capacity, persons, observed } = this.layout;
+    const status = this.program.step_rows(...this.pointers, this.rows, this.traced, agents, capacity, persons, observed);
     if (status !== 0) throw new Error(`the core stopped with status ${status}`);
   }
 

@@ -1,6 +1,6 @@
 // Films: an episode with every sub-step of its vehicles, and what each decision was worth.
 
-const COMING = new Set([1, 2]); // states of people who wait and who move (`worlds.intersection.core.people`)
+const COMING = new Set([1, 2]); // states of people who wait and who move (`worlds.road_users`)
 const NUMBERS = ["x", "y", "heading", "speed", "acceleration"];
 
 /** Drives one episode, decision by decision, and keeps it. */
@@ -14,10 +14,13 @@ export class Recorder {
       agent: core.field(array, "agent"),
       yielding: core.field(array, "yielding"),
       crashed: core.field(array, "crashed"),
-      leg: core.field(array, "leg"), kind: core.field(array, "lane"), waited: core.field(array, "max_acceleration"),
     });
-    this.now = fields("vehicles");
-    this.traced = fields("trace");
+    const ofPeople = (array) => {
+      const names = ["identity", "kind", "x", "y", "heading", "length", "width", "delay", "state", "hit"];
+      return Object.fromEntries(names.map((name) => [name, core.field(array, name)]));
+    };
+    this.now = { ...fields("vehicles"), people: ofPeople("people") };
+    this.traced = { ...fields("trace"), people: ofPeople("people_trace") };
     this.count = core.field("episodes", "vehicles");
   }
 
@@ -44,7 +47,7 @@ export class Recorder {
     core.decide(0, ...actions);
     core.run();
     const count = Number(arrays.present[0]);
-    for (let frame = 0; frame < layout.frames; frame += 1) this.keep(this.traced, frame * layout.capacity, count);
+    for (let frame = 0; frame < layout.frames; frame += 1) this.keep(this.traced, frame, count);
     const { identity } = film.frames[film.frames.length - 1];
     film.decisions.push({
       action: actions[0], before, after: this.observation.slice(),
@@ -58,7 +61,10 @@ export class Recorder {
     return film.endings.includes(layout.endings.none);
   }
 
-  keep(from, first, count) {
+  /** Keep the vehicles and people of a sub-step, by its number in the arrays. */
+  keep(from, number, count) {
+    const { capacity, persons, people } = this.core.layout;
+    const first = number * capacity;
     const frame = {
       count, identity: new Int32Array(count), agent: new Int8Array(count), yielding: new Uint8Array(count),
       crashed: new Uint8Array(count), numbers: new Float64Array(count * NUMBERS.length),
@@ -70,21 +76,19 @@ export class Recorder {
       frame.crashed[slot] = from.crashed(first + slot);
       from.numbers.forEach((read, place) => (frame.numbers[slot * NUMBERS.length + place] = read(first + slot)));
     }
-    const { people } = this.core.layout;
-    if (people) this.keepPeople(frame, from, first, people.slots);
+    if (people) this.keepPeople(frame, from.people, number * persons, people.classes);
     this.film.frames.push(frame);
   }
 
   /** Keep who waits or walks, or rides, and the seconds that all waited for the ego since the start. */
-  keepPeople(frame, from, first, [begin, end]) {
+  keepPeople(frame, from, first, classes) {
     frame.people = [];
-    frame.waited = [0, 0];
-    for (let slot = first + begin; slot < first + end; slot += 1) {
-      const kind = from.kind(slot);
-      frame.waited[kind] += from.waited(slot);
-      if (!COMING.has(from.leg(slot))) continue;
-      const [x, y, heading] = from.numbers.map((read) => read(slot));
-      frame.people.push({ identity: from.identity(slot), kind, x, y, heading, crashed: Boolean(from.crashed(slot)) });
+    frame.waited = classes.map(() => 0);
+    for (let slot = first; slot < first + this.core.layout.persons; slot += 1) {
+      frame.waited[from.kind(slot)] += from.delay(slot);
+      if (!COMING.has(from.state(slot))) continue;
+      const person = Object.fromEntries(["identity", "x", "y", "heading", "length", "width"].map((name) => [name, from[name](slot)]));
+      frame.people.push({ ...person, crashed: Boolean(from.hit(slot)) });
     }
   }
 }

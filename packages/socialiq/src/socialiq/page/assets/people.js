@@ -7,9 +7,9 @@ const AROUND = { reach: 32, south: 3 }; // m; the crosswalks and the bicycle lan
 const NAMES = ["weighs vehicles alone", "weighs people alone"];
 
 /** Return what people lost by waiting for the car up to a frame, in words. */
-function waits(film, frame) {
-  const [walking, riding] = film.frames[frame].waited;
-  return `People on foot wait ${walking.toFixed(1)} s for it, cyclists ${riding.toFixed(1)} s`;
+function waits(film, frame, classes) {
+  const { waited } = film.frames[frame];
+  return `Seconds for which others wait for it: ${classes.map((name, kind) => `${name} ${waited[kind].toFixed(1)}`).join(", ")}`;
 }
 
 /**
@@ -20,13 +20,14 @@ function waits(film, frame) {
 export function peopleTab({ layout, seed, angle, drivers, recorder, colours }) {
   document.getElementById("people-angle").textContent = `${angle}°`;
   document.getElementById("people-seed").textContent = `seed ${seed}`;
+  const { classes } = layout.people;
   const scenes = () => {
     const recorded = recorder();
     return drivers.map(({ actions }, place) => {
       const film = filmOfActions(recorded, seed, actions);
       const last = film.frames.length - 1;
-      const said = (frame) => waits(film, frame) + (frame === last ? `; it ${outcomeOf(film, layout)}` : "");
-      return { title: `The car ${NAMES[place]}`, place, film, said, label: waits(film, last) };
+      const said = (frame) => waits(film, frame, classes) + (frame === last ? `; it ${outcomeOf(film, layout)}` : "");
+      return { title: `The car ${NAMES[place]}`, place, film, said, label: waits(film, last, classes) };
     });
   };
   return new Beside("people", { layout, colours, extent: AROUND, scenes });

@@ -1,4 +1,4 @@
-// The front end between sensors and a network (`worlds.intersection.perception`), in the same operations of float32.
+// The front end between sensors and a network (`worlds.highway.perception`), in the same operations of float32.
 
 const f = Math.fround;
 const [ROW, TRACK] = [7, 10]; // of a track: a vehicle, the variances of position and velocity, decisions unseen

@@ -122,8 +122,8 @@ export class Stage {
 
   /** Who walks is a circle, drawn larger than life; who rides a line with a circle on it. */
   person(one) {
-    const { colours, layout: { people } } = this;
-    const [size, length] = [2 * people.radius[one.kind], people.length[one.kind]];
+    const { colours } = this;
+    const [size, length] = [one.width, one.length - one.width];
     this.placed(one, (context) => {
       context.beginPath();
       context.arc(0, 0, size, 0, 2 * Math.PI);

@@ -1,4 +1,4 @@
-// Faults of a driver: actions that come late, vehicles that are not seen, wrong positions (`worlds.intersection.shifts`).
+// Faults of a driver: actions that come late, vehicles that are not seen, wrong positions (`worlds.highway.shifts`).
 
 import { FrontEnd } from "./perception.js";
 

@@ -18,8 +18,11 @@ from numba.np.numpy_support import carray
 
 from socialiq.errors import UserError
 from socialiq.page.webassembly.layout import ARGUMENTS
+from socialiq.worlds.highway.core import step
+from socialiq.worlds.highway.crossings import Crossings
 from socialiq.worlds.highway.options import FEATURES, SIGNALS, Buffers
-from socialiq.worlds.intersection.core import step
+from socialiq.worlds.highway.scenes import Road
+from socialiq.worlds.intersection.core.geometry import ROAD
 from socialiq.worlds.intersection.options import Options, buffers_of
 
 
@@ -27,17 +30,25 @@ def entry_of(options: Options) -> Callable[..., None]:
     """Return the function to compile: pointers to arrays, with the options' sub-steps."""
     # Not from the cache of the native one.
     run: Any = numba.njit(step.run.py_func, error_model="numpy")
-    frames, signals_of, features = options.frames, len(SIGNALS), len(FEATURES)
+    frames = options.frames
+    signals_of = len(SIGNALS)
+    features = len(FEATURES)
+    # A compiled function takes arrays as constants, and no tuple of them.
+    lanes, successors, routes, connected, entries = ROAD[:5]
+    arrivals, turns, obstacles, changes, sight = ROAD[5:10]
+    ways, crosswalks, meetings, ridden = ROAD.crossings
 
     def entry(
-        episodes, vehicles, before, after, present, reached, observation, signals, rewards,
-        classical, speed, ending, contact, neighbours_collided, braking, trace,
-        commands, entropy, seeded, actions, settings, rows, traced, agents, capacity, observed,
+        episodes, vehicles, people, before, after, present, reached, observation, signals, rewards,
+        classical, speed, ending, contact, neighbours_collided, braking, trace, people_trace,
+        commands, entropy, seeded, actions, settings, rows, traced, agents, capacity, persons,
+        observed,
     ):  # fmt: skip
         seen = rows * agents, observed, features
         buffers = Buffers(
             carray(episodes, (rows,)),
             carray(vehicles, (rows, capacity)),
+            carray(people, (rows, persons)),
             carray(before, (rows, capacity)),
             carray(after, (rows, capacity)),
             carray(present, (rows, 1 + agents)),
@@ -52,9 +63,16 @@ def entry_of(options: Options) -> Callable[..., None]:
             carray(neighbours_collided, (rows * agents,)),
             carray(braking, (rows * agents, capacity)),
             carray(trace, (traced, frames, capacity)),
+            carray(people_trace, (traced, frames, persons)),
         )
         inputs = carray(commands, (rows,)), carray(entropy, (rows,)), carray(seeded, (rows,))
-        run(buffers, *inputs, carray(actions, (rows * agents,)), carray(settings, (1,)), 0, 0, rows)
+        road = Road(
+            lanes, successors, routes, connected,
+            entries, arrivals, turns, obstacles, changes, sight,
+            Crossings(ways, crosswalks, meetings, ridden),
+        )  # fmt: skip
+        chosen = carray(actions, (rows * agents,))
+        run(buffers, *inputs, chosen, carray(settings, (1,)), road, 0, rows)
 
     return entry
 
@@ -71,7 +89,7 @@ _UNOPTIMISED = {"NUMBA_OPT": "0", "NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATUR
 
 
 def object_file(path: Path) -> None:
-    """Write the object file, in a process of its own, since Numba reads its settings at import."""
+    """Write the object file, in a separate process, since Numba reads its settings at import."""
     subprocess.run(
         [sys.executable, "-m", __name__, str(path)], env=os.environ | _UNOPTIMISED, check=True
     )
@@ -81,7 +99,7 @@ def intermediate() -> str:
     """Return the unoptimised LLVM code of the entry point and all that it calls."""
     arrays = [array.dtype for array in buffers_of(Options(), 1, traced=True)]
     pointers = [types.CPointer(numba.from_dtype(array)) for array in (*arrays, *ARGUMENTS.values())]
-    signature = types.void(*pointers, *5 * [types.int32])  # numbers, as of `layout.ARGUMENTS`
+    signature = types.void(*pointers, *6 * [types.int32])  # numbers, as of `layout.ARGUMENTS`
     plain = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = numba.njit(signature, **plain)(entry_of(Options()))
     (result,) = compiled.overloads.values()
@@ -131,7 +149,11 @@ _GENERATED = ("wasm-wasi-musl", "generic-musl")
 
 
 def linked(core: Path, target: Path) -> None:
-    """Write the WebAssembly file of an object file of `object_file`; it imports nothing.
+    """Write the WebAssembly file of an object file of `object_file`; it has no imports.
+
+    Args:
+        core: The object file.
+        target: File to write.
 
     Raises:
         UserError: If the extra `page` isn't installed, or the linker fails.
@@ -144,12 +166,14 @@ def linked(core: Path, target: Path) -> None:
 def elementary_functions(folder: Path) -> str:
     """Write shared libraries of this machine with the elementary functions of the page.
 
-    The result is the value of LD_PRELOAD with which a program calls them in the place of its own.
+    Returns:
+        The value of LD_PRELOAD with which a program calls them in the place of its usual ones.
 
     Raises:
         UserError: As `linked`.
     """
-    functions, names = folder / "libelementary.so", folder / "libnames.so"
+    functions = folder / "libelementary.so"
+    names = folder / "libnames.so"
     plain = ["-mcpu", "baseline", "-fstrip", "-O", "ReleaseFast"]
     _zig(["build-lib", "-dynamic", *plain, str(_HERE / "elementary.zig")], functions)
     flags = ["-shared", "-nostdlib", "-fno-builtin", "-O2", f"-Wl,-rpath,{folder}"]

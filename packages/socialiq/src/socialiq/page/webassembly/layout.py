@@ -1,4 +1,4 @@
-"""Layout of the core's memory and its constants, for the page: nothing of them is written twice."""
+"""Layout of the core's memory and its constants, for the page; each of them is written once."""
 
 import base64
 from pathlib import Path
@@ -9,16 +9,25 @@ import numpy as np
 from socialiq.types import Ending
 from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import geometry
-from socialiq.worlds.highway.options import ENV_SIGNALS, EPISODE, SETTINGS, SIGNALS, Contact
-from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.core.people import BESIDE, HALF_WIDTH, LENGTH, MIDDLE, RADIUS
-from socialiq.worlds.intersection.crosswalk import CrosswalkOptions
-from socialiq.worlds.intersection.options import ACTIONS, VEHICLE, Options, buffers_of, settings_of
+from socialiq.worlds.highway.crossings import HALF_WIDTH
+from socialiq.worlds.highway.network import LANE_WIDTH
+from socialiq.worlds.highway.options import (
+    ENV_SIGNALS,
+    EPISODE,
+    SETTINGS,
+    SIGNALS,
+    VEHICLE,
+    Contact,
+    settings_of,
+)
+from socialiq.worlds.intersection.core.geometry import BESIDE, LANES, MIDDLE
+from socialiq.worlds.intersection.options import ACTIONS, CrosswalkOptions, Options, buffers_of
+from socialiq.worlds.road_users import PERSON, ROAD_USERS
 
 CORE = Path(__file__).with_name("core.wasm")
 """The built core that ships with the package."""
 
-_RECORDS = {"vehicle": VEHICLE, "episode": EPISODE, "settings": SETTINGS}
+_RECORDS = {"vehicle": VEHICLE, "person": PERSON, "episode": EPISODE, "settings": SETTINGS}
 _OF_LANE = ("straight", "length", "x", "y", "along_x", "along_y", "radius", "phase", "sense")
 _COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")
 
@@ -59,24 +68,23 @@ def layout(options: Options) -> dict[str, Any]:
         "decision_seconds": 1 / options.policy_frequency,
         "agents": options.agents,
         "capacity": options.capacity,
+        "persons": options.persons,
         "observed": options.observed_rows,
         "people": _people(options) if isinstance(options, CrosswalkOptions) else None,
         "vehicle_length": geometry.VEHICLE_LENGTH,
         "vehicle_width": geometry.VEHICLE_WIDTH,
-        "lane_width": geometry.LANE_WIDTH,
+        "lane_width": LANE_WIDTH,
         "conflict_distance": options.conflict_distance,
         "lanes": [{name: lane[name].item() for name in _OF_LANE} for lane in LANES],
     }
 
 
 def _people(options: CrosswalkOptions) -> dict[str, Any]:
-    """Return the slots of people, their sizes by class, and the places where they move, m."""
+    """Return the classes of people, and the places where they move, m."""
     return {
-        "slots": [options.first_walker, options.capacity],
-        "radius": RADIUS.tolist(),
-        "length": LENGTH.tolist(),
+        "classes": [user.plural for user in ROAD_USERS],
         "crosswalk": [MIDDLE - HALF_WIDTH, MIDDLE + HALF_WIDTH],
-        "bicycles": BESIDE if options.riders else None,
+        "bicycles": BESIDE if options.rides else None,
     }
 
 
@@ -93,4 +101,4 @@ ARGUMENTS = {
     "settings": SETTINGS,
 }
 """Name and type of each; there is one record of settings for all. The numbers of rows, of traced
-rows, of agents, of an episode's records and of observed rows follow."""
+rows, of agents, of an episode's vehicles and people, and of observed rows follow."""

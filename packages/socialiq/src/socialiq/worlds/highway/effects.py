@@ -1,4 +1,4 @@
-"""Effects of the ego on others: options of the measure, and its arrays beside the episodes.
+"""Effects of the ego on others: options of the measure, and its arrays, a row for each episode.
 
 The same episode is driven without the ego, to the same end, so that the difference of both is the
 ego's doing (difference reward; Wolpert and Tumer 2001). Kernels are in `core.effects`.
@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.options import AgentOptions, RoadOptions
 
 CAUSED = "-caused"
 """Ending of the name of a world whose r_social is what the ego causes."""
@@ -91,8 +91,34 @@ EFFECTS = np.dtype(
 """Record of `EffectOptions` that the core reads."""
 
 
+def check_agents(options: RoadOptions) -> None:
+    """Refuse options with several agents.
+
+    Raises:
+        UserError: If the options are of several agents.
+    """
+    if isinstance(options, AgentOptions):
+        raise UserError(
+            "what one of several agents causes can't be measured: in an episode without it the "
+            "policies of its partners would act otherwise, and the world doesn't know them: leave "
+            "out reward=caused, or set agents=1"
+        )
+
+
 def record_of(effects: EffectOptions, options: RoadOptions) -> np.ndarray:
-    """Return the record as an array of one element."""
+    """Return the options of effects as the record that the core reads.
+
+    Args:
+        effects: Options of the measure.
+        options: Options of the road, for the common end and the later traffic.
+
+    Returns:
+        EFFECTS record in an array of one.
+
+    Raises:
+        UserError: If an episode may last longer than the horizon, or has several agents.
+    """
+    check_agents(options)
     record = np.zeros(1, EFFECTS)
     record["decisions"] = effects.decisions(options)
     initial = getattr(options, "initial_vehicle_count", None)
@@ -130,8 +156,15 @@ class Ledger(NamedTuple):
 
     @staticmethod
     def of(record: np.ndarray, records: int, size: int) -> Ledger:
-        """Return an empty ledger of so many episodes, on a road with so many records."""
-        decisions, first = int(record["decisions"][0]), int(record["first_arrival"][0])
+        """Return an empty ledger.
+
+        Args:
+            record: EFFECTS record in an array of one.
+            records: Number of records of vehicles on the road.
+            size: Number of episodes.
+        """
+        decisions = int(record["decisions"][0])
+        first = int(record["first_arrival"][0])
         vehicles = max(first + decisions + 1 if first else 0, records)
         return Ledger(
             arrivals=np.zeros(size, np.uint64),

@@ -15,6 +15,7 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending
+from socialiq.worlds.road_users import CLASS, MOST_CLASSES, PERSON
 
 Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
 Counted = Literal["all", "cross", "approaching"]
@@ -22,8 +23,10 @@ Disruption = Literal["dead_zone", "literal"]
 Crash = Literal["override", "add"]
 Ends = Literal["each", "joint"]
 Frame = Literal["own", "world"]
+ContinuousActions = Literal["continuous", "continuous_steering"]
 
-MOST_SPEEDS, MOST_AGENTS = 8, 16
+MOST_SPEEDS = 8
+MOST_AGENTS = 16
 
 
 @dataclass(frozen=True)
@@ -152,8 +155,33 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
 
     @property
     def agents(self) -> int:
-        """Number of vehicles that are controlled: the ego alone, but for `AgentOptions`."""
+        """Number of vehicles that are controlled: the ego alone, except with `AgentOptions`."""
         return 1
+
+    @property
+    def left_hand(self) -> bool:
+        """Whether traffic keeps to the left: not without `SideOptions`."""
+        return False
+
+    @property
+    def places(self) -> int:
+        """Largest number of crosswalks, and of bicycle lanes, of the road."""
+        return 4
+
+    @property
+    def persons(self) -> int:
+        """Largest number of people of an episode."""
+        return 0
+
+    @property
+    def capacity(self) -> int:
+        """Largest number of vehicles of an episode beyond the entries of the road's table."""
+        return 0
+
+    @property
+    def of_traffic(self) -> dict[str, Any]:
+        """Fields of the SETTINGS record of vehicles that arrive, by name."""
+        return {}
 
     @property
     def continuous(self) -> bool:
@@ -170,10 +198,38 @@ class AgentOptions:
     # lasts until every agent has ended. "joint", as in highway-env: agents drive on after they
     # arrive, and the episode ends when one crashes or all have arrived
     ends: Ends = "each"
-    # at the intersection "own": each agent sees the crossing turned as if it came from the south,
-    # and its destination is counted from its own arm. "world", as in highway-env: no view is
-    # turned, and the destination is one arm for all, counted from the south
+    # where arms meet, "own": each agent sees the road turned as if it came from the south, and its
+    # destination is counted from its own arm. "world", as in highway-env: no view is turned, and
+    # the destination is one arm for all, counted from the south
     frame: Frame = "own"
+
+
+@dataclass(frozen=True)
+class SideOptions:
+    """Side of the traffic, one of the first bases of a road's options."""
+
+    # whether traffic keeps to the left: the road is mirrored in the line along which the ego enters
+    left_hand: bool = False
+
+
+@dataclass(frozen=True)
+class ControlOptions:
+    """highway-env's continuous actions, one of the first bases of a road's options.
+
+    An agent is not steered along its lane: with acceleration alone it drives straight on.
+    """
+
+    # "continuous": acceleration alone. "continuous_steering": acceleration, then the angle of the
+    # front wheels
+    actions: ContinuousActions = "continuous"
+    # whether an episode ends when the ego is off the road after a decision, as with highway-env's
+    # option of this name. It then costs r_env what a collision costs
+    offroad_terminal: bool = False
+
+    @property
+    def width(self) -> int:
+        """Number of values of a continuous action."""
+        return 2 if self.actions == "continuous_steering" else 1
 
 
 @dataclass(frozen=True)
@@ -189,11 +245,6 @@ ENV_SIGNALS = ("progress", "speed", "step", "collision", "arrival", "timeout")
 SOCIAL_SIGNALS = ("yielding", "disruption", "neighbour_collision")
 SIGNALS = ENV_SIGNALS + SOCIAL_SIGNALS
 """All signals; a signal's weight is the option of that name."""
-
-RATE, SPEED, SPEED_SD, GAP, GAP_SD, LEAST_GAP, IMPATIENCE, ROWS = range(8)
-"""Columns of the table of people by class: arrivals at each arm per s; speed in m/s and accepted
-gap in s, means and standard deviations; least gap, s; s less of the gap for each second lost by
-waiting; rows of the observation."""
 
 SETTINGS = np.dtype(
     [
@@ -227,19 +278,24 @@ SETTINGS = np.dtype(
         ("each", np.bool_),  # whether agents end one by one, and leave
         ("own_frame", np.bool_),  # whether an agent's view and destination are of its approach
         ("observed_vehicles", np.int64),  # rows of an observation
-        # people: records behind those of vehicles, the first of these, and how many ride, the last
-        ("walkers", np.int64),
-        ("first_walker", np.int64),
-        ("riders", np.int64),
-        ("people", np.float64, (2, 8)),  # who walks and who rides, in the columns above
+        ("classes", CLASS, (MOST_CLASSES,)),  # of people
     ],
     align=True,
 )
 """Record of one set of options; from `warm_up` on some fields are of the intersection alone."""
 
 
+TIME_HEADWAY = 1.5  # s
+JAM_DISTANCE = 10.0  # m
+ACCELERATION = 3.0  # m/s²
+DECELERATION = 5.0  # m/s²
+EXPONENT = 4.0
+DRIVER = TIME_HEADWAY, JAM_DISTANCE, ACCELERATION, DECELERATION
+"""Parameters of highway-env's drivers on its roads except the intersection."""
+
+
 def settings_of(options: RoadOptions) -> np.ndarray:
-    """Return the record as an array of one element; the intersection writes more of its fields."""
+    """Return the SETTINGS record as an array of one element."""
     record = np.zeros(1, SETTINGS)
     for name in SETTINGS.names or ():
         if hasattr(options, name) and name not in (*_CODED, *_NAMED):
@@ -252,8 +308,11 @@ def settings_of(options: RoadOptions) -> np.ndarray:
     record["n_speeds"] = len(options.target_speeds)
     record["target_speeds"][0, : len(options.target_speeds)] = options.target_speeds
     record["weights"] = [getattr(options, f"{name}_weight") for name in SIGNALS]
+    record["population"] = [(mean, 0.0, mean, mean) for mean in (math.inf, *DRIVER)]
     if isinstance(options, AgentOptions):
-        record["each"], record["own_frame"] = options.ends == "each", options.frame == "own"
+        record["each"] = options.ends == "each"
+    for name, value in options.of_traffic.items():
+        record[name] = value
     return record
 
 
@@ -273,7 +332,15 @@ _UNITS = (
 
 
 def is_over(ending: np.ndarray, joint: bool) -> np.ndarray:
-    """Return whether each episode has ended, by `Ending` (episode, agent); see `AgentOptions`."""
+    """Return whether each episode has ended.
+
+    Args:
+        ending: Values of `Ending`, (episode, agent).
+        joint: Whether an agent's collision ends the episode for all; see `AgentOptions`.
+
+    Returns:
+        True where every agent has ended, or one has collided if `joint`; bool (episode,).
+    """
     over = (ending != int(Ending.NONE)).all(axis=1)
     return over if not joint else over | (ending == int(Ending.COLLISION)).any(axis=1)
 
@@ -289,43 +356,55 @@ def reward_definition(options: RoadOptions) -> dict[str, Any]:
 
 
 MAX_SPEED = 40.0  # m/s of any vehicle, either way
+ACCELERATION_RANGE = (-5.0, 5.0)  # m/s², of continuous actions -1 and 1
+STEERING_RANGE = (-math.pi / 4, math.pi / 4)  # rad, of continuous actions -1 and 1
 
 FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
 """Numbers of one row of the observation."""
 
 
-MOTION = [
-    ("x", np.float64),  # centre, m; x to the east, y to the south
-    ("y", np.float64),
-    ("heading", np.float64),  # rad, clockwise as drawn, from east
-    ("along_x", np.float64),  # cosine and sine of the heading: its unit vector
-    ("along_y", np.float64),
-    ("speed", np.float64),  # m/s, negative in reverse
-    ("steering", np.float64),  # held command: front wheel angle, rad
-    ("acceleration", np.float64),  # held command, m/s²
-    ("target_speed", np.float64),  # m/s
-]
-DRIVER = [
-    ("time_headway", np.float64),  # s
-    ("jam_distance", np.float64),  # m
-    ("max_acceleration", np.float64),  # m/s²
-    ("comfort_deceleration", np.float64),  # m/s², positive
-    ("exponent", np.float64),  # of the free-road term
-]
-PUSH = [("push_x", np.float64), ("push_y", np.float64)]  # m, by a collision, in the next sub-step
-FLAGS = [
-    ("agent", np.int8),  # number of the agent that controls it; -1: a driver
-    ("crashed", np.bool_),
-    ("pushed", np.bool_),  # a push is pending
-]
-"""Fields of the records of vehicles of all roads."""
-
-ABSENT, WAITING, WALKING, GONE = range(4)
-"""States of people on foot and on bicycles, in the field `leg` of their records."""
+VEHICLE = np.dtype(
+    [
+        ("x", np.float64),  # centre, m; x to the east, y to the south
+        ("y", np.float64),
+        ("heading", np.float64),  # rad, clockwise as drawn, from east
+        ("along_x", np.float64),  # cosine and sine of the heading: its unit vector
+        ("along_y", np.float64),
+        ("speed", np.float64),  # m/s, negative in reverse
+        ("steering", np.float64),  # held command: front wheel angle, rad
+        ("acceleration", np.float64),  # held command, m/s²
+        ("target_speed", np.float64),  # m/s; 0 while yielding
+        ("desired_speed", np.float64),  # m/s; infinity: only the road's limit binds
+        ("time_headway", np.float64),  # s
+        ("jam_distance", np.float64),  # m
+        ("max_acceleration", np.float64),  # m/s²
+        ("comfort_deceleration", np.float64),  # m/s², positive
+        ("exponent", np.float64),  # of the free-road term
+        ("timer", np.float64),  # s since the driver last thought of changing lanes
+        ("push_x", np.float64),  # m, by a collision, in the next sub-step
+        ("push_y", np.float64),
+        ("identity", np.int32),  # unique in its episode
+        ("lane", np.int16),  # closest lane
+        ("target_lane", np.int16),  # lane it steers along
+        ("origin", np.int16),  # arm or road by which it entered
+        ("route", np.int16),  # road at which its way began, -1 without a way
+        ("destination", np.int16),
+        ("leg", np.int16),  # completed roads of its way
+        ("changes", np.bool_),  # whether its driver changes lanes
+        ("yielding", np.bool_),
+        ("obstacle", np.bool_),
+        ("agent", np.int8),  # number of the agent that controls it; -1: a driver
+        ("crashed", np.bool_),
+        ("pushed", np.bool_),  # a push is pending
+    ],
+    align=True,
+)
+"""Record of a vehicle, or of an obstacle, which stands and drives nowhere. The vehicles of an
+episode are one row in highway-env's list order; obstacles follow."""
 
 
 class Contact(enum.IntEnum):
-    """Vehicle that struck the other, by whose motion closed the gap: the ego's or the other's."""
+    """Vehicle that struck another one, by whose motion closed the gap: the ego or its partner."""
 
     NONE = 0
     EGO_STRUCK = 1
@@ -368,6 +447,7 @@ class Buffers(NamedTuple):
 
     episodes: np.ndarray  # EPISODE records, shape (batch,)
     vehicles: np.ndarray  # current records of vehicles, (batch, capacity)
+    people: np.ndarray  # current PERSON records, (batch, person)
     before: np.ndarray  # vehicles at the last decision, (batch, capacity)
     after: np.ndarray  # vehicles after the sub-steps of that decision, (batch, capacity)
     # number of vehicles in `before` and `after`, and the agents' slots, (batch, 1 + agents)
@@ -383,26 +463,34 @@ class Buffers(NamedTuple):
     neighbours_collided: np.ndarray  # number of other vehicles that collided with each other
     braking: np.ndarray  # whether a vehicle's braking was charged to the ego, (batch, capacity)
     trace: np.ndarray  # vehicles after each sub-step, (batch, frames, capacity); empty: untraced
+    people_trace: np.ndarray  # people after each sub-step, (batch, frames, person)
 
     @staticmethod
     def of(
         options: RoadOptions, kind: np.dtype, most: int, size: int, traced: bool = False
     ) -> Buffers:
-        """Return empty buffers of so many episodes with at most so many vehicles, by their record.
+        """Return empty buffers.
 
-        If traced, there is space for every sub-step.
+        Args:
+            options: Options of the road.
+            kind: Record of a vehicle.
+            most: Largest number of vehicles of an episode.
+            size: Number of episodes.
+            traced: Whether there is space for every sub-step.
 
         Raises:
             UserError: If the size is not positive.
         """
         if size < 1:
             raise UserError(f"size must be at least 1, got {size}")
-        rows, capacity = (size * options.agents,), (size, most)
+        rows = (size * options.agents,)
+        capacity = size, most
         observed = (*rows, options.observed_rows, len(FEATURES))
-        frames = (size if traced else 0, options.frames, most)
+        frames = (size if traced else 0, options.frames)
         return Buffers(
             episodes=np.zeros(size, EPISODE),
             vehicles=np.zeros(capacity, kind),
+            people=np.zeros((size, options.persons), PERSON),
             before=np.zeros(capacity, kind),
             after=np.zeros(capacity, kind),
             present=np.zeros((size, 1 + options.agents), np.int64),
@@ -416,5 +504,6 @@ class Buffers(NamedTuple):
             contact=np.zeros(rows, np.int8),
             neighbours_collided=np.zeros(rows, np.int64),
             braking=np.zeros((*rows, most), np.bool_),
-            trace=np.zeros(frames, kind),
+            trace=np.zeros((*frames, most), kind),
+            people_trace=np.zeros((*frames, options.persons), PERSON),
         )

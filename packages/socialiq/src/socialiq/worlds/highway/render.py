@@ -10,13 +10,16 @@ import numpy as np
 from socialiq.foreign import drawing
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway import shapes
+from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.options import SIGNALS, WAITING, WALKING
-from socialiq.worlds.highway.world import RoadBatch
+from socialiq.worlds.highway.options import SIGNALS
 from socialiq.worlds.pictures import EGO, OTHER
+from socialiq.worlds.road_users import MOVING, WAITING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from socialiq.worlds.highway.batch import RoadBatch
 
 DPI = 100
 """Dots per inch of every picture."""
@@ -65,26 +68,49 @@ class View(Protocol):
         """Draw the empty road."""
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:
-        """Return what is visible of a scene, in a filmstrip if `strip`; of one size in all."""
+        """Return the part of the world that is visible in a picture; all have one size.
+
+        Args:
+            scene: Scene of the picture.
+            strip: Whether the picture belongs to a filmstrip.
+        """
         ...
 
     def way(self, axes: Any, scene: Scene) -> None:
-        """Draw the ego's influence zone and the rest of its way."""
+        """Draw the ego's influence zone and the rest of its way.
+
+        Args:
+            axes: Axes to draw in.
+            scene: Scene with the ego.
+        """
 
 
 def look(axes: Any, frame: Frame) -> None:
-    """Show a part of the world in axes."""
+    """Show a part of the world in axes.
+
+    Args:
+        axes: Axes, which get equal scales with y growing downwards.
+        frame: Part to show, m.
+    """
     limits = {"xlim": (frame.west, frame.east), "ylim": (frame.south, frame.north)}
     axes.set(**limits, aspect="equal")
 
 
 def traffic(axes: Any, scene: Scene, view: View) -> None:
-    """Draw the ego's way and everybody in sight."""
+    """Draw the ego's way and everybody in sight.
+
+    Args:
+        axes: Axes whose limits are set; vehicles outside of them are left out.
+        scene: Scene to draw.
+        view: Road of the scene.
+    """
     view.way(axes, scene)
     for record in scene.people:
         pose = shapes.Pose(float(record["x"]), float(record["y"]), float(record["heading"]))
-        shapes.person(axes, pose, bool(record["lane"]))
-    (west, east), (south, north), margin = axes.get_xlim(), axes.get_ylim(), VEHICLE_LENGTH / 2
+        shapes.person(axes, pose, float(record["length"]), float(record["width"]))
+    west, east = axes.get_xlim()
+    south, north = axes.get_ylim()
+    margin = VEHICLE_LENGTH / 2
     for slot, record in enumerate(scene.vehicles):
         pose = shapes.Pose(float(record["x"]), float(record["y"]), float(record["heading"]))
         across = west - margin < pose.x < east + margin
@@ -113,12 +139,16 @@ def traffic(axes: Any, scene: Scene, view: View) -> None:
 def filmstrip(scenes: Sequence[Scene], view: View, captions: Sequence[str] | None = None) -> Figure:
     """Draw scenes as a row of pictures without rewards, three to a line, or one if they are wide.
 
-    By default the title of a picture is its time.
+    Args:
+        scenes: Scenes in order; at least one.
+        view: Road of the scenes.
+        captions: Title of each picture; by default its time.
     """
     ratio = view.frame(scenes[0], strip=True).ratio
     wide, most = (3.0, 3) if ratio > _LOW else (7.5, 1)
     columns = min(most, len(scenes))
-    rows, high = -(-len(scenes) // columns), round(wide * ratio + 0.2, 2)
+    rows = -(-len(scenes) // columns)
+    high = round(wide * ratio + 0.2, 2)
     figure = drawing().Figure(figsize=(wide * columns, high * rows), layout="constrained", dpi=DPI)
     titles = captions or [f"t = {scene.time:.1f} s" for scene in scenes]
     for number, (scene, title) in enumerate(zip(scenes, titles, strict=True)):
@@ -135,35 +165,50 @@ _LOW = 0.6  # height per width below which a picture has a line of its own
 
 
 def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
-    """Return the current scene of one episode, with the rewards of its last decision."""
+    """Return the current scene of one episode, with the rewards of its last decision.
+
+    Args:
+        batch: Batch of the episode.
+        row: Row of the episode.
+    """
     buffers = batch.buffers
     episode = buffers.episodes[row]
-    count, ego = int(episode["vehicles"]), int(episode["controlled"][0])
+    count = int(episode["vehicles"])
+    ego = int(episode["controlled"][0])
     vehicles = buffers.vehicles[row, :count].copy()
     charged = buffers.after["identity"][row][buffers.braking[row]]
     time = float(episode["time"])
     braking = np.isin(vehicles["identity"], charged) & (time > 0)
-    people = _people(batch, buffers.vehicles[row])
+    people = _there(buffers.people[row])
     return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "", people)
 
 
 def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
-    """Return the sub-steps of an episode's last decision; the batch must be `traced`."""
+    """Yield the sub-steps of an episode's last decision.
+
+    Args:
+        batch: Batch of the episode; it must be `traced`.
+        row: Row of the episode.
+
+    Yields:
+        A scene for each sub-step, each with the rewards of the whole decision.
+    """
     buffers = batch.buffers
-    count, ego = int(buffers.present[row, 0]), int(buffers.present[row, 1])
+    count = int(buffers.present[row, 0])
+    ego = int(buffers.present[row, 1])
     rewards = _rewards(batch, row, True)
     end = float(buffers.episodes[row]["time"])
-    for frame, vehicles in enumerate(buffers.trace[row]):
+    both = zip(buffers.trace[row], buffers.people_trace[row], strict=True)
+    for frame, (vehicles, people) in enumerate(both):
         time = end - (len(buffers.trace[row]) - 1 - frame) / batch.options.simulation_frequency
         braking = buffers.braking[row, :count].copy()
-        people = _people(batch, vehicles)
-        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "", people)
+        there = _there(people)
+        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "", there)
 
 
-def _people(batch: RoadBatch, records: np.ndarray) -> np.ndarray:
-    """Return the records of people who are there, of the records of an episode."""
-    people = records[getattr(batch.options, "first_walker", len(records)) :]
-    return people[np.isin(people["leg"], (WAITING, WALKING))] if len(people) else people
+def _there(people: np.ndarray) -> np.ndarray:
+    """Return copies of the records of people who wait, walk or ride."""
+    return people[np.isin(people["state"], (WAITING, MOVING))]
 
 
 def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
@@ -176,9 +221,19 @@ def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float],
 
 
 def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:
-    """Run the episode of a seed in a `traced` batch of one; return its start and every sub-step."""
+    """Run one episode, and return its scenes.
+
+    Args:
+        batch: A `traced` batch of one episode, which is reset.
+        policy: Policy of the ego.
+        seed: Seed of the episode.
+
+    Returns:
+        The start, then every sub-step; the caption of the last scene is the episode's ending.
+    """
     batch.reset([seed])
-    scenes, ending = [present_scene(batch)], Ending.NONE
+    scenes = [present_scene(batch)]
+    ending = Ending.NONE
     while ending == Ending.NONE:
         action, _ = policy.predict(batch.seen_by(policy))
         ending = Ending(int(batch.step(action, auto_reset=False).ending[0]))

@@ -72,7 +72,9 @@ def _mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
 
 
 _INCHES = 6.0  # width of a picture
-_BELOW, _ABOVE, _LEGEND = 0.2375, 0.0325, 0.085  # rewards, caption, legend: of the width
+_BELOW = 0.2375  # height of the rewards, as a share of the width
+_ABOVE = 0.0325  # height of the caption, as a share of the width
+_LEGEND = 0.085  # height of the legend, as a share of the width
 _WIDE = 0.98  # of the width: the road
 
 
@@ -80,7 +82,8 @@ class _Sheet:
     """Figure that shows a sequence of scenes: the road, a legend, and the rewards below."""
 
     def __init__(self, scenes: Sequence[Scene], view: View, inches: float) -> None:
-        self.view, high = view, _WIDE * view.frame(scenes[0]).ratio
+        self.view = view
+        high = _WIDE * view.frame(scenes[0]).ratio
         legend = 0.0 if view.corner else _LEGEND
         pairs = round(inches * (_BELOW + high + legend + _ABOVE) * DPI / 2)  # films: even rows
         self.rise = pairs * 2 / DPI / inches
@@ -98,7 +101,8 @@ class _Sheet:
             _legend(strip, grid, view.marks, 8 * inches / 6)
         self.kept = set(self.road.get_children())
         # Not the axes' titles: matplotlib repositions those, slowly, at every draw.
-        size, top = 10 * inches / 6, 1 - 0.02375 / self.rise
+        size = 10 * inches / 6
+        top = 1 - 0.02375 / self.rise
         self.caption = self.figure.text(0.01, top, "", fontsize=size)
         self.time = self.figure.text(0.99, top, "", fontsize=size, ha="right")
         names = dict.fromkeys(name for scene in scenes for name in scene.signals)
@@ -106,7 +110,9 @@ class _Sheet:
         social = [name for name in names if name in SOCIAL_SIGNALS]
         values = [abs(float(value)) for scene in scenes for value in scene.signals.values()]
         size = max(len(env), len(social), 1), max([0.1, *values])
-        self.bars, self.values, self.totals = {}, {}, []
+        self.bars = {}
+        self.values = {}
+        self.totals = []
         self._add_panel(0.14, env, EGO, *size)
         self._add_panel(0.68, social, OTHER, *size)
 
@@ -114,7 +120,8 @@ class _Sheet:
         self, left: float, names: Sequence[str], color: str, rows: int, bound: float
     ) -> None:
         """Add bars of each signal's contribution to one reward, with the total above."""
-        axes, scale = self.axes(left, 0.0125, 0.3, 0.175), self.figure.get_figwidth() / 6
+        axes = self.axes(left, 0.0125, 0.3, 0.175)
+        scale = self.figure.get_figwidth() / 6
         style = {"fontsize": 7.5 * scale, "va": "center", "ha": "right", "color": shapes.INK}
         axes.axvline(0, color=shapes.INK, linewidth=0.8)
         for row, name in enumerate(names):
@@ -127,7 +134,14 @@ class _Sheet:
         self.totals.append(self.figure.text(*corner, "", **bold))
 
     def axes(self, left: float, below: float, wide: float, high: float) -> Any:
-        """Add axes without frame; all lengths in widths of the figure."""
+        """Add axes without a frame; all lengths are parts of the figure's width.
+
+        Args:
+            left: Distance from the figure's left edge.
+            below: Distance from its lower edge.
+            wide: Width.
+            high: Height.
+        """
         axes = self.figure.add_axes((left, below / self.rise, wide, high / self.rise))
         axes.set_axis_off()
         return axes
@@ -186,7 +200,13 @@ def _legend(
 
 
 def picture(scene: Scene, view: View, inches: float = _INCHES) -> Figure:
-    """Draw one scene with a legend, and below it each signal's contribution to the two rewards."""
+    """Draw one scene with a legend, and below it each signal's contribution to the two rewards.
+
+    Args:
+        scene: Scene to draw.
+        view: Road of the scene.
+        inches: Width of the figure; its height follows from the view.
+    """
     sheet = _Sheet([scene], view, inches)
     sheet.show(scene)
     return sheet.figure
@@ -201,7 +221,13 @@ def _shown(scenes: Sequence[Scene], view: View) -> Iterator[Figure]:
 
 
 def save(path: Path, scenes: Sequence[Scene], view: View, frames_per_second: int = 10) -> None:
-    """Write a film, whole or not at all: a .gif, or a .mp4 if ffmpeg is installed.
+    """Write a film, whole or not at all.
+
+    Args:
+        path: File, a .gif, or a .mp4 if ffmpeg is installed.
+        scenes: Frames of the film; at least one.
+        view: Road of the scenes.
+        frames_per_second: From 1 to 50.
 
     Raises:
         UserError: If there is no scene, the suffix is not supported, ffmpeg is missing or fails,

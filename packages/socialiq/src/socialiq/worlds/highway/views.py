@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from socialiq.worlds.highway import scenes as tables
 from socialiq.worlds.highway import shapes
-from socialiq.worlds.highway.core.geometry import LANE_WIDTH
-from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT
+from socialiq.worlds.highway.core.traffic import AGENT_AT
+from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT, LANE_WIDTH
 from socialiq.worlds.highway.render import Frame, Scene
 
 WIDEST = 130.0  # m of the road in a picture
@@ -31,15 +31,22 @@ class Lanes:
 
     corner: tuple[float, float] | None = None
 
-    def __init__(self, scene: tables.Scene) -> None:
+    def __init__(self, scene: tables.Scene, walks: bool = False, rides: bool = False) -> None:
         self._road = scene.road
-        self.marks: tuple[str, ...] = ("obstacle",) if len(scene.road.obstacles) else ()
+        self._walks = walks
+        self._rides = rides
+        self._is_crossing = scene.edge > 0
+        marks = {"gives way": len(scene.road.arrivals), "obstacle": len(scene.road.obstacles)}
+        self.marks = tuple(mark for mark, count in marks.items() if count)
         self._ways = [shapes.way(lane) for lane in scene.road.lanes]
         points = np.concatenate(self._ways)
-        self._low, self._high = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
+        self._low = points.min(axis=0) - _BESIDE
+        self._high = points.max(axis=0) + _BESIDE
         self._size = np.clip(self._high - self._low, LOWEST, WIDEST)
-        road, (entry, *_) = scene.road, scene.road.entries
-        begin = shapes.way(road.lanes[entry["lane"]], float(entry["along"]))[:1]
+        road = scene.road
+        number = road.arrivals[0, 0] if len(road.arrivals) else road.entries[0]["lane"]
+        along = AGENT_AT if len(road.arrivals) else float(road.entries[0]["along"])
+        begin = shapes.way(road.lanes[int(number)], along)[:1]
         meeting = zip(road.lanes, self._ways, strict=True)
         met = [line for lane, line in meeting if APPROACH < lane["kind"] < EXIT]
         points = np.concatenate([begin, *met])
@@ -48,11 +55,17 @@ class Lanes:
         self._still = [float(at) if fit else None for at, fit in zip(middle, fits, strict=True)]
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:  # noqa: ARG002  of one size
-        """Return what is visible: at most `WIDEST` metres either way."""
+        """Return the visible part of the world: at most `WIDEST` metres either way.
+
+        Args:
+            scene: Scene with the ego, which the frame may follow.
+            strip: Not used: frames of a filmstrip have the same size.
+        """
         ego = scene.vehicles[scene.ego]
         limits = []
         for axis, (coordinate, heading) in enumerate((("x", "along_x"), ("y", "along_y"))):
-            size, middle = self._size[axis], self._still[axis]
+            size = self._size[axis]
+            middle = self._still[axis]
             if middle is None:
                 middle = float(ego[coordinate]) + _AHEAD * size * float(ego[heading])
                 middle = min(middle, self._high[axis] - size / 2)
@@ -63,9 +76,10 @@ class Lanes:
     def ground(self, axes: Any) -> None:
         """Draw grass, asphalt with an outline, the lines between lanes, and obstacles."""
         from matplotlib.collections import LineCollection
-        from matplotlib.patches import Rectangle
+        from matplotlib.patches import Polygon, Rectangle
 
-        corner, size = self._low - WIDEST, self._high - self._low + 2 * WIDEST
+        corner = self._low - WIDEST
+        size = self._high - self._low + 2 * WIDEST
         axes.add_artist(Rectangle(tuple(corner), *size, color=shapes.GRASS))
         for line in self._ways:
             look = {"facecolor": shapes.PAINT, "linewidth": 0.0, "zorder": 1.0}
@@ -73,6 +87,10 @@ class Lanes:
         for line in self._ways:
             look = {"color": shapes.ASPHALT, "linewidth": 0.6, "zorder": 1.1}
             shapes.band(axes, line, LANE_WIDTH, **look)
+        for lane, line in zip(self._road.lanes, self._ways, strict=True):
+            if self._is_crossing and APPROACH < lane["kind"] < EXIT:
+                across = np.concatenate([line, [(0.0, 0.0)]])  # the middle is paved too
+                axes.add_artist(Polygon(across, color=shapes.ASPHALT, zorder=1.1))
         between = [
             self._beside(number)
             for number, lane in enumerate(self._road.lanes)
@@ -80,11 +98,13 @@ class Lanes:
         ]
         dashed = {"linewidths": 1.0, "linestyles": (0, (6, 4)), "color": shapes.PAINT}
         axes.add_artist(LineCollection(between, **dashed, zorder=1.3))
+        if self._walks:
+            shapes.ways_of_people(axes, self._road.crossings.ways, self._rides)
         for x, y in self._road.obstacles.tolist():
             shapes.obstacle(axes, shapes.Pose(x, y, 0.0))
 
     def _beside(self, number: int) -> Line:
-        """Return the left edge of a lane; NaN where no other lane lies beside it."""
+        """Return the left edge of a lane; NaN where no lane adjoins it."""
         points = np.concatenate([line for at, line in enumerate(self._ways) if at != number])
         edge = shapes.edges(self._ways[number], LANE_WIDTH)[0]
         middle = shapes.edges(self._ways[number], 2 * LANE_WIDTH)[0]  # of a lane beside it
@@ -92,8 +112,14 @@ class Lanes:
         return np.where(apart[:, None] < 1.0, edge, np.nan)
 
     def way(self, axes: Any, scene: Scene) -> None:
-        """Draw the ego's influence zone and the rest of its way."""
-        ego, lanes = scene.vehicles[scene.ego], self._road.lanes
+        """Draw the ego's influence zone and the rest of its way.
+
+        Args:
+            axes: Axes to draw in.
+            scene: Scene with the ego.
+        """
+        ego = scene.vehicles[scene.ego]
+        lanes = self._road.lanes
         numbers = way_of(ego, self._road)
         for number, following in zip(numbers, [*numbers[1:], -1], strict=True):
             meets = following >= 0 and lanes[following]["kind"] != APPROACH
@@ -107,7 +133,8 @@ class Lanes:
 
     def _to_arrival(self, numbers: list[int]) -> list[Line]:
         """Return the lanes of a way up to the place of arrival, on the first exit."""
-        lanes, ways = self._road.lanes, [self._ways[number] for number in numbers]
+        lanes = self._road.lanes
+        ways = [self._ways[number] for number in numbers]
         for rank, number in enumerate(numbers):
             if lanes[number]["kind"] == EXIT:
                 arrival = float(self._road.sight[0]["arrival"])
@@ -118,23 +145,33 @@ class Lanes:
 def way_of(ego: np.void, road: tables.Road) -> list[int]:
     """Return the lanes of the ego's way from its entry on, by number.
 
-    The roads are those of its route, else the first that follow, up to one that comes back. Where
-    the ego is, the lane is that it steers along; on another road that of the same number, or the
-    lane that begins next to the end of the one before.
+    The roads are those of its route. Without a route each is followed by the first of its
+    successors, until one would come back. On the road of the ego's target lane the way takes this
+    lane; on another road it takes the lane of the same number, or the lane that begins next to the
+    end of the one before.
+
+    Args:
+        ego: Record of the ego.
+        road: Tables of the scene.
     """
-    lanes, target, way = road.lanes, int(ego["target_lane"]), [int(road.entries[0]["lane"])]
-    roads = [int(lanes[way[0]]["road"])]
+    lanes = road.lanes
+    target = int(ego["target_lane"])
+    begun = ego["route"] >= 0 and len(road.arrivals)
+    first = road.routes[ego["route"], ego["destination"], 0] if begun else road.entries[0]["lane"]
+    way = [int(first)]
+    firsts = [int(lanes[way[0]]["first"])]
     if ego["route"] >= 0:
         route = road.routes[ego["route"], ego["destination"]].tolist()
-        roads += [number for number in route[route.index(roads[0]) + 1 :] if number >= 0]
+        firsts += [first for first in route[route.index(firsts[0]) + 1 :] if first >= 0]
     else:
-        while (following := int(road.successors[roads[-1], 0])) >= 0 and following not in roads:
-            roads.append(following)
-    if roads[0] == lanes[target]["road"]:
+        while (first := int(road.successors[lanes[firsts[-1]]["road"], 0])) not in (-1, *firsts):
+            firsts.append(first)
+    if firsts[0] == lanes[target]["first"]:
         way = [target]
-    for following in roads[1:]:
-        before, beside = lanes[way[-1]], np.flatnonzero(lanes["road"] == following)
-        if lanes[target]["road"] == following:
+    for first in firsts[1:]:
+        before = lanes[way[-1]]
+        beside = np.arange(first, first + lanes[first]["lanes"])
+        if lanes[target]["first"] == first:
             way.append(target)
         elif before["lanes"] == len(beside):
             way.append(int(beside[before["number"]]))

@@ -1,350 +1,42 @@
-"""Roads: episodes side by side, as NumPy arrays, the worlds that make them, and the scenes."""
+"""Roads as worlds: what all of them share, and those from a table."""
 
 from __future__ import annotations
 
 import abc
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Bool, Float32, Integer
 
 from socialiq.errors import UserError, one_of
-from socialiq.types import Ending, RewardPair
-from socialiq.worlds.highway.effects import (
-    ACCOUNT,
-    BEGIN,
-    CAUSED,
-    PREPARE,
-    EffectOptions,
-    Ledger,
-    record_of,
-)
-from socialiq.worlds.highway.effects import SIGNALS as EFFECT_SIGNALS
+from socialiq.types import Policy
+from socialiq.worlds.highway import rules
+from socialiq.worlds.highway.batch import RoadBatch
+from socialiq.worlds.highway.effects import CAUSED, EffectOptions
+from socialiq.worlds.highway.ego import EgoModel
+from socialiq.worlds.highway.kinds import kind_with, parts_of
 from socialiq.worlds.highway.options import (
-    DECIDE,
-    DECIDE_AND_RESET,
     FEATURES,
-    RESET,
-    SIGNALS,
-    SKIP,
-    AgentOptions,
-    Buffers,
     RoadOptions,
-    SceneFleetOptions,
-    is_over,
     reward_definition,
-    settings_of,
 )
-from socialiq.worlds.highway.scenes import ACTIONS, CAR, FASTER, Scene, scene_of
-from socialiq.worlds.world import Decisions, World, observed_with_time, rows_of
+from socialiq.worlds.highway.people import CROSSWALK, PeopleOptions, check_ways
+from socialiq.worlds.highway.perception import FrontEnd
+from socialiq.worlds.highway.scene_batch import BackEnd, Batch
+from socialiq.worlds.highway.scenes import Scene, other_side, scene_of
+from socialiq.worlds.highway.shifted import Faults, over
+from socialiq.worlds.highway.shifts import FAULTS, OPTIONS, OR, Shift, shifts_of
+from socialiq.worlds.world import World
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.render import View
 
 
-class State(NamedTuple):
-    """Complete state of some episodes, as plain arrays."""
-
-    episodes: np.ndarray  # EPISODE records, (rows,)
-    vehicles: np.ndarray  # records of vehicles, (rows, capacity)
-    observation: np.ndarray  # (rows, vehicles seen by all agents, 7)
-    waiting: np.ndarray  # whether the episodes have ended and need a reset, (rows,)
-    ledger: Ledger | None = None  # of what the ego causes, if that is measured
-    beside: tuple[np.ndarray, ...] = ()  # columns of faults, of the intersection
-
-    def arrays(self) -> list[np.ndarray]:
-        """Return all columns."""
-        return [*self[:4], *(self.ledger or ()), *self.beside]
-
-    def of(self, arrays: Sequence[np.ndarray]) -> State:
-        """Return the state of these columns in the place of its own."""
-        last = 4 + len(self.ledger or ())
-        ledger = Ledger(*arrays[4:last]) if self.ledger is not None else None
-        return State(*arrays[:4], ledger=ledger, beside=tuple(arrays[last:]))
-
-    def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
-        """Return the state of the chosen episodes; indices may repeat."""
-        return self.of([column[np.asarray(chosen)] for column in self.arrays()])
-
-
-class RoadBatch(abc.ABC):
-    """Episodes of one road side by side (`worlds.world.Batch`).
-
-    With `AgentOptions` each has several controlled vehicles: actions, observations and results have
-    an axis for the agents after that for the episodes.
-
-    Every episode has its own random stream, so results don't depend on the batch's size or the
-    number of threads. By default `step` resets an episode that ends. The new episode continues the
-    stream, as in highway-env after a `reset()` without seed. The buffers are the arrays that the
-    road's core reads and writes. A single thread is best for small batches.
-    """
-
-    n_actions: int  # of the road, discrete
-    faster: int  # action that selects the next higher speed
-
-    def __init__(
-        self,
-        options: RoadOptions,
-        buffers: Buffers,
-        settings: np.ndarray,
-        threads: int,
-        effects: EffectOptions | None = None,
-    ) -> None:
-        if threads < 1:
-            raise UserError(f"threads must be at least 1, got {threads}")
-        self.options, self.buffers, self.effects = options, buffers, effects
-        self._settings, self._threads = settings, threads
-        self.size = size = len(buffers.episodes)
-        # of observations, actions and results: with an axis for agents if there may be several
-        several = isinstance(options, AgentOptions)
-        self.shape: tuple[int, ...] = (size, options.agents) if several else (size,)
-        if effects is not None and len(self.shape) > 1:
-            raise UserError("effects are measured of one ego: leave them out with several agents")
-        self.ledger: Ledger | None = None
-        if effects is not None:
-            self._effects = record_of(effects, options)
-            self.ledger = Ledger.of(self._effects, buffers.vehicles.shape[1], size)
-        self._waiting = np.ones(size, bool)  # for a reset
-        self.begun = np.zeros(size, bool)  # rows whose random stream has begun
-
-    @abc.abstractmethod
-    def _core(self) -> tuple[Any, Any, np.ndarray]:
-        """Return the module of the road's core, its tables for that, and its lanes."""
-
-    @property
-    def lanes(self) -> np.ndarray:
-        """Records of the road's lanes, by the number that a vehicle has."""
-        return self._core()[2]
-
-    @abc.abstractmethod
-    def like(self, size: int) -> RoadBatch:
-        """Return a batch of so many episodes of the same road."""
-
-    def branch(self, rows: Sequence[int] | np.ndarray) -> RoadBatch:
-        """Return a batch of copies of some episodes, which may repeat; this one is not changed.
-
-        Copies have the same hidden state and random numbers: the same drivers and later traffic.
-        """
-        copies = self.like(len(rows))
-        copies.restore(self.save().rows(rows))
-        return copies
-
-    def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
-        """Carry out one command for each episode, as `core.step.run`."""
-        from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
-
-        core, road, _ = self._core()
-        arguments = command, seeds, seeded, actions, self._settings, road
-        run_in_parts(core.run, self._threads, self.size, self.buffers, *arguments)
-
-    def measure(self, command: int, rows: np.ndarray) -> None:
-        """Carry out a command of `highway.effects` in some rows, if effects are measured."""
-        if self.ledger is None:
-            return
-        from socialiq.worlds.highway.core.compile import run_in_parts  # imports Numba
-
-        core, road, _ = self._core()
-        arguments = self.ledger, rows, self._settings, road, self._effects
-        run_in_parts(core.effects, self._threads, self.size, command, self.buffers, *arguments)
-
-    @property
-    def late(self) -> Bool[np.ndarray, " batch"]:
-        """Whether the actions of each episode come late."""
-        return np.zeros(self.size, bool)
-
-    @property
-    def egos(self) -> Integer[np.ndarray, " batch"]:
-        """Identity of each ego."""
-        buffers = self.buffers
-        return buffers.vehicles["identity"][
-            np.arange(self.size), buffers.episodes["controlled"][:, 0]
-        ]
-
-    @property
-    def credited(self) -> Bool[np.ndarray, "batch slot"]:
-        """Whether each vehicle is near the ego after the last decision, as Eq 4.2 counts them."""
-        after = self.buffers.after
-        ego = after[np.arange(self.size), self.buffers.present[:, 1]]
-        apart = np.hypot(after["x"] - ego["x"][:, None], after["y"] - ego["y"][:, None])
-        return apart <= self.options.conflict_distance
-
-    def _checked(self, actions: Any) -> np.ndarray:
-        """Return a whole number for each agent, int64, in one row; refuse other actions."""
-        chosen = np.asarray(actions)
-        if chosen.shape != self.shape or chosen.dtype.kind not in "iu":
-            count = " x ".join(map(str, self.shape))
-            raise UserError(f"actions must be {count} whole numbers, got {actions!r}")
-        if chosen.min() < 0 or chosen.max() >= self.n_actions:
-            numbers = sorted({*chosen.ravel().tolist()})
-            raise UserError(f"actions must be 0 to {self.n_actions - 1}, got {numbers}")
-        return chosen.astype(np.int64).reshape(-1)
-
-    @property
-    def _resets_in_core(self) -> bool:
-        """Whether nothing is to be read between the end of an episode and the next one."""
-        return self.ledger is None
-
-    @property
-    def running(self) -> Bool[np.ndarray, " batch"]:
-        """Whether each episode has begun and not ended."""
-        return ~self._waiting
-
-    @property
-    def observation(self) -> Float32[np.ndarray, "*batch feature"]:
-        """Current observation of every agent, zeros after it has left."""
-        return self.buffers.observation.reshape(*self.shape, -1).copy()
-
-    @property
-    def driving(self) -> Bool[np.ndarray, "*batch"]:
-        """Whether each agent has neither arrived nor crashed nor run out of time."""
-        ended = self.buffers.episodes["ended"][:, : self.options.agents]
-        return (ended == int(Ending.NONE)).reshape(self.shape)
-
-    @property
-    def time(self) -> Float32[np.ndarray, " batch"]:
-        """Number of decisions since the last reset of every episode, the clock's feature."""
-        seconds = self.buffers.episodes["time"] * self.options.policy_frequency
-        return np.rint(seconds).astype(np.float32)
-
-    def seen_by(self, policy: Any) -> Float32[np.ndarray, "*batch feature"]:
-        """Return what a policy observes: with the time at the end if it has one feature more."""
-        flat = self.observation.reshape(len(self.buffers.ending), -1)
-        for rows in self.options.narrow_rows:
-            known = rows * len(FEATURES)
-            if getattr(policy, "n_features", None) in (known, known + 1):
-                flat = flat[:, :known]  # it does not observe other classes
-        time = np.repeat(self.time, self.options.agents)
-        return observed_with_time(flat, time, policy).reshape(*self.shape, -1)
-
-    def reset(
-        self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
-    ) -> Float32[np.ndarray, "*batch feature"]:
-        """Start new episodes in some rows, an index or a mask, and return all observations.
-
-        The seeds are one for each row, or one number: row i gets seed + i. None continues the rows'
-        streams.
-
-        Raises:
-            UserError: If a seed is negative, or a stream to continue was never seeded.
-        """
-        chosen = rows_of(rows, self.size)
-        if seeds is None and not self.begun[chosen].all():
-            raise UserError("the first reset needs a seed")
-        entropy = np.zeros(self.size, np.uint64)
-        if seeds is not None:
-            entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
-        commands = np.where(chosen, RESET, SKIP).astype(np.int8)
-        unused = np.zeros(len(self.buffers.ending), np.int64)
-        self._run(commands, entropy, chosen & (seeds is not None), unused)
-        self.measure(BEGIN, chosen)
-        self._waiting[chosen], self.begun[chosen] = False, True
-        return self.observation
-
-    def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
-        """Take one decision in every episode, or in some rows, an index or a mask.
-
-        Results of the others are those of their last decision. With `auto_reset` a new episode
-        starts where one ended, and `observation` belongs to it. Otherwise episodes that ended must
-        be reset before the next step.
-
-        Raises:
-            UserError: If an action is not one of the road, or an episode has not begun or has
-                ended.
-        """
-        chosen, deciding = self._checked(actions), rows_of(rows, self.size)
-        if (self._waiting & deciding).any():
-            raise UserError("an episode has not begun, or has ended: reset it first")
-        resets = auto_reset and self._resets_in_core
-        command = DECIDE_AND_RESET if resets else DECIDE
-        commands = np.where(deciding, command, SKIP).astype(np.int8)
-        self.measure(PREPARE, deciding)
-        self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
-        self.measure(ACCOUNT, deciding)
-        joint = not self._settings["each"][0]
-        ended = deciding & is_over(self.buffers.ending.reshape(self.size, -1), joint)
-        decisions = self._decisions()
-        if not auto_reset:
-            self._waiting |= ended
-        elif not resets and ended.any():  # after what followed the ego's end
-            self.reset(rows=ended)
-        return decisions
-
-    def _decisions(self) -> Decisions:
-        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
-
-        buffers, left = self.buffers, np.zeros((self.size, self.options.agents), bool)
-        step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
-        return Decisions(
-            observation=buffers.reached.reshape(*self.shape, -1).copy(),
-            rewards=RewardPair(*self._by_agent(buffers.rewards)),
-            ending=buffers.ending.reshape(self.shape).copy(),
-            signals=self._signals(),
-            speed=buffers.speed.reshape(self.shape).copy(),
-            contact=buffers.contact.reshape(self.shape).copy(),
-            neighbours_collided=buffers.neighbours_collided.reshape(self.shape).copy(),
-            classical=RewardPair(*self._by_agent(buffers.classical)),
-            off_road=left.reshape(self.shape),
-        )
-
-    def _by_agent(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns of results as rows of arrays of the batch's shape."""
-        return columns.T.reshape(-1, *self.shape).copy()
-
-    def _signals(self) -> dict[str, np.ndarray]:
-        names, columns = [*SIGNALS], [*self._by_agent(self.buffers.signals)]
-        if self.ledger is not None:
-            names, columns = [*names, *EFFECT_SIGNALS], [*columns, *self.ledger.signals.T.copy()]
-        return dict(zip(names, columns, strict=True))
-
-    @property
-    def _columns(self) -> Any:
-        buffers = self.buffers
-        rows = buffers.observation.reshape(self.size, -1, len(FEATURES))  # of all agents, no copy
-        return State(buffers.episodes, buffers.vehicles, rows, self._waiting, self.ledger)
-
-    def save(self) -> Any:
-        """Return a copy of the state of every episode."""
-        columns = self._columns
-        return columns.of([column.copy() for column in columns.arrays()])
-
-    def restore(self, state: Any) -> None:
-        """Restore a state of this size and these options; episodes go on with identical bits."""
-        columns, values = self._columns.arrays(), state.arrays()
-        if len(columns) != len(values):
-            raise UserError("only one of state and batch measures effects: use one world for both")
-        for column, saved in zip(columns, values, strict=True):
-            if column.shape != saved.shape or column.dtype != saved.dtype:
-                raise UserError(
-                    f"the saved state has the shape {saved.shape}, this batch {column.shape}: "
-                    "restore it under the options and the size it was saved with"
-                )
-        for column, saved in zip(columns, values, strict=True):
-            column[:] = saved
-        self.begun[:] = self.buffers.episodes["increment_low"] != 0  # odd in every stream
-
-
-def seeds_of(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
-    """Return a seed for each of `count` rows, uint64, given each or the first of consecutive ones.
-
-    Raises:
-        UserError: If one isn't a whole number of at least 0 below 2**64, or there are not so many.
-    """
-    array = np.asarray(seeds)
-    if array.dtype.kind == "O" or array.dtype.kind == "f":
-        array = np.array(seeds, object)  # numpy mixes large whole numbers into floats
-    numbers = array.ravel().tolist()
-    if not all(type(seed) is int and 0 <= seed < 2**64 for seed in numbers):
-        raise UserError(f"seeds must be whole numbers of at least 0, below 2**64, got {seeds!r}")
-    if array.ndim == 0:
-        return np.uint64(numbers[0]) + np.arange(count, dtype=np.uint64)
-    if array.shape != (count,):
-        raise UserError(f"{count} seeds are needed, one for each row, got {array.size}")
-    return np.array(numbers, np.uint64)
-
+Kind = TypeVar("Kind", bound=RoadBatch)
+Road = TypeVar("Road", bound="RoadWorld")
 
 _CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's on these roads
 
@@ -355,7 +47,14 @@ class RoadWorld(World):
     options: RoadOptions
     # of a world whose r_social is what the ego causes, in the place of Eq 4.2
     effects: EffectOptions | None = None
+    shifts: tuple[Shift, ...] = ()  # of which every episode draws one; none is the plain world
+    front_end: FrontEnd | None = None  # between what is shown and every policy
     draws_by_seed: ClassVar[bool] = True
+
+    @property
+    def agents(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Number of controlled vehicles of an episode."""
+        return self.options.agents
 
     @property
     def n_features(self) -> int:
@@ -369,8 +68,15 @@ class RoadWorld(World):
 
     @property
     def description(self) -> str:
-        """Name of the world and its options."""
-        return f"{self.name} {self.options}" + (f" {self.effects}" if self.effects else "")
+        """Name of the world, its options, and what wraps it."""
+        shifts = OR.join(map(str, self.shifts))
+        wrapped = self.effects, self._rewarded, shifts, self.front_end
+        return " ".join(map(str, (self.name, self.options, *filter(None, wrapped))))
+
+    @property
+    def _rewarded(self) -> str:
+        """Further description of the rewards."""
+        return ""
 
     @property
     def reward(self) -> dict[str, Any]:
@@ -380,92 +86,245 @@ class RoadWorld(World):
 
     @property
     @abc.abstractmethod
+    def ego(self) -> EgoModel:
+        """Scales of the ego's observation, and its speed control."""
+
+    @property
+    def shiftable(self) -> tuple[str, ...]:
+        """Options that a shift may change."""
+        return tuple(field.name for field in dataclasses.fields(self.options))
+
+    def shifted(self: Road, text: str = "", front_end: str = "") -> Road:
+        """Return the same road with the shifts of a text, and a front end.
+
+        Each agent of an episode draws one of several shifts, as `late or noise=1`.
+
+        Args:
+            text: Shifts as for `shifts.shifts_of`; "" leaves those of the road, "none" takes all
+                faults off.
+            front_end: Front end as for `FrontEnd.of`; "" leaves that of the road.
+
+        Raises:
+            UserError: If a text is invalid, the road lacks what a shift changes, the shifts change
+                its options in several ways, or a front end predicts an ego without target speeds.
+        """
+        if not (text or front_end):
+            return self
+        shifts = shifts_of(text) if text else self.shifts
+        world = self._with_options(shifts) if text else self
+        faulty = shifts if any(shift.has_faults for shift in shifts) else ()
+        # A policy knows the decisions of the road without the shift.
+        ego = dataclasses.replace(world.ego, decisions=self.ego.decisions)
+        front = self.front_end and dataclasses.replace(self.front_end, ego=ego)
+        front = FrontEnd.of(front_end, shifts, ego) if front_end else front
+        if front and front.latency and not ego.speeds:
+            raise UserError(
+                f"a front end predicts an ego that steps through target speeds; the actions of "
+                f"{self.name} are others: leave out its latency"
+            )
+        return dataclasses.replace(cast(Any, world), shifts=faulty, front_end=front)
+
+    def _with_options(self: Road, shifts: Sequence[Shift]) -> Road:
+        """Return the road with the options that shifts change."""
+        changes = [shift.options for shift in shifts]
+        if any(change != changes[0] for change in changes):
+            raise UserError(
+                f"shifts between which '{OR.strip()}' stands must have one road and one traffic: "
+                "leave out the others, or name each shift by itself"
+            )
+        lacking = [name for name in changes[0] if name not in self.shiftable]
+        if lacking:
+            fields = [field.name for field in FAULTS]
+            fields += [name for name, option in OPTIONS.items() if option in self.shiftable]
+            raise UserError(
+                f"{self.name} has no option {lacking[0]}, which the shift {shifts[0]} changes: its "
+                f"road and traffic are fixed; shifts of it are {', '.join(fields)}"
+            )
+        if not changes[0]:
+            return self
+        options = dataclasses.replace(self.options, **changes[0])
+        return dataclasses.replace(cast(Any, self), options=options)
+
+    def _episodes(self, kind: type[Kind], **arguments: Any) -> Kind:
+        """Return a batch of a class, with faults and front end if the road has them."""
+        if not self.shifts and self.front_end is None:
+            return kind(**arguments)
+        faults = Faults(self.shifts or (Shift(),), self.front_end, self.ego)
+        return over(kind)(**arguments, faults=faults)
+
+    @property
+    @abc.abstractmethod
     def view(self) -> View:
         """The road as pictures show it."""
 
     @abc.abstractmethod
     def batch(self, size: int, threads: int = 1, traced: bool = False) -> RoadBatch:
-        """Return episodes side by side, with every sub-step in `buffers.trace` if `traced`."""
+        """Return episodes side by side.
 
-
-class Batch(RoadBatch):
-    """Episodes of one scene side by side; see `RoadBatch`.
-
-    With `traced`, `buffers.trace` has the vehicles of every sub-step, for films.
-    """
-
-    n_actions, faster = len(ACTIONS), FASTER
-
-    def __init__(
-        self,
-        scene: Scene,
-        options: RoadOptions,
-        size: int,
-        threads: int = 1,
-        traced: bool = False,
-        effects: EffectOptions | None = None,
-    ) -> None:
-        self.scene, entries = scene, len(scene.road.entries)
-        if options.agents > entries:
-            raise UserError(
-                f"{scene.name} has {entries} vehicles: choose at most as many agents, not "
-                f"{options.agents}"
-            )
-        most = entries + len(scene.road.obstacles)
-        buffers = Buffers.of(options, CAR, most, size, traced or effects is not None)
-        super().__init__(options, buffers, settings_of(options), threads, effects)
-
-    def _core(self) -> tuple[Any, Any, np.ndarray]:
-        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
-
-        return step, self.scene.road, self.scene.road.lanes
-
-    def like(self, size: int) -> Batch:
-        """Return a batch of so many episodes of the same scene."""
-        return type(self)(self.scene, self.options, size, self._threads, effects=self.effects)
+        Args:
+            size: Number of episodes.
+            threads: Number of threads that share the episodes.
+            traced: Whether `buffers.trace` keeps every sub-step.
+        """
 
 
 @dataclass(frozen=True)
 class SceneWorld(RoadWorld):
-    """Scene of highway-env."""
+    """Road from a table."""
 
-    scene: Scene
     options: RoadOptions
     effects: EffectOptions | None = None
+    by_class: bool = False  # whether rewards have the parts of r_social by class, with crosswalks
+    shifts: tuple[Shift, ...] = ()
+    front_end: FrontEnd | None = None
+    scene: Scene = field(kw_only=True, hash=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.options.left_hand != self.scene.left_hand:
+            object.__setattr__(self, "scene", other_side(self.scene))
+        if self.options.width == 1 and self.scene.bends and not self._is_straight:
+            raise UserError(
+                f"the ego of {self.scene.name} can't follow a way with bends by acceleration "
+                "alone: choose control=steering"
+            )
+        if isinstance(self.options, PeopleOptions):
+            check_ways(self.scene.name, self.scene.road.crossings, self.options)
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Name of the scene, with `CAUSED` if effects are rewarded."""
-        return self.scene.name + (CAUSED if self.effects else "")
+        """Name of the scene, with `CROSSWALK` if people walk, `CAUSED` if effects are rewarded."""
+        return (
+            self.scene.name + (CROSSWALK if self.walks else "") + (CAUSED if self.effects else "")
+        )
 
     @property
-    def action_space(self) -> spaces.Discrete:
-        """Space of one action."""
-        return spaces.Discrete(len(ACTIONS))
+    def _is_straight(self) -> bool:
+        """Whether the options lead the ego straight on, over a road with bends."""
+        return False
+
+    @property
+    def walks(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether people cross, on foot or on bicycles."""
+        return isinstance(self.options, PeopleOptions)
+
+    @property
+    def action_space(self) -> spaces.Discrete | spaces.Box:
+        """Space of one action: `n_actions` numbers, or values in [-1, 1]."""
+        if not self.options.continuous:
+            return spaces.Discrete(len(self.scene.actions))
+        return spaces.Box(-1.0, 1.0, (self.options.width,), np.float32)
+
+    @property
+    def _rewarded(self) -> str:
+        return "by class" if self.by_class else ""
+
+    @property
+    def reward(self) -> dict[str, Any]:
+        """Definition of the reward pair, with the weights of the classes where people walk."""
+        walks = self.options.definition if isinstance(self.options, PeopleOptions) else {}
+        return super().reward | walks
+
+    def with_parts(self: Road) -> Road:
+        """Return the same world with r_social by class in its rewards, for all class angles.
+
+        Raises:
+            UserError: If the world has no crosswalks.
+        """
+        if not self.walks:
+            raise UserError(f"{self.name} has one class of road users: choose one with crosswalks")
+        return dataclasses.replace(cast(Any, self), by_class=True)
+
+    @property
+    def drivers(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Names of its rule-based drivers."""
+        return rules.names_of(self.scene)
+
+    def driver(self, name: str, seed: int = 0) -> Policy:
+        """Return a rule-based driver.
+
+        Args:
+            name: One of `drivers`.
+            seed: Seed of the random driver.
+
+        Raises:
+            UserError: If the scene has no driver of this name.
+        """
+        return rules.policy(name, self.scene, self.options, seed)
 
     @property
     def view(self) -> View:
         """The road as pictures show it."""
         from socialiq.worlds.highway.views import Lanes  # imports Numba
 
-        return Lanes(self.scene)
+        return Lanes(self.scene, self.walks, self._rides)
 
-    def batch(self, size: int, threads: int = 1, traced: bool = False) -> Batch:
-        """Return episodes side by side; see `Batch`."""
-        return Batch(self.scene, self.options, size, threads, traced, self.effects)
+    @property
+    def _rides(self) -> bool:
+        """Whether people ride on bicycle lanes."""
+        return isinstance(self.options, PeopleOptions) and self.options.rides
+
+    @property
+    def ego(self) -> EgoModel:
+        """Scales of the ego's observation, and its speed control."""
+        road = self.scene.road
+        entry = road.lanes[road.arrivals[0, 0]]["speed_limit"] if len(road.arrivals) else None
+        entry = float(road.entries[0]["speed"] if entry is None else entry)
+        in_world = getattr(self.options, "frame", "own") == "world"  # the exit is one arm for all
+        exit = "" if in_world else getattr(self.options, "destination", "")
+        return EgoModel.of(self.options, road.sight, self.scene.actions, entry, exit)
+
+    def batch(
+        self, size: int, threads: int = 1, traced: bool = False, back_end: BackEnd = "core"
+    ) -> Batch:
+        """Return episodes side by side; see `Batch`.
+
+        Args:
+            size: Number of episodes.
+            threads: Number of threads that share the episodes, on the core.
+            traced: Whether `buffers.trace` keeps every sub-step.
+            back_end: "core", or "highway_env" for the real environment, which is far slower.
+
+        Raises:
+            UserError: If a number is not positive, more agents are controlled than the scene has
+                vehicles, or highway-env is requested and is not installed or lacks the scene.
+        """
+        how: dict[str, Any] = {"threads": threads, "back_end": back_end, "traced": traced}
+        rewards = {"effects": self.effects, "by_class": self.by_class}
+        road = {"scene": self.scene, "options": self.options}
+        return self._episodes(Batch, **road, size=size, **how, **rewards)
+
+
+SENSED = {"shift": "text", "front_end": "front_end"}
+"""Options of every road beside the fields of its own: arguments of `RoadWorld.shifted`."""
+
+
+def sensed_of(options: dict[str, Any]) -> dict[str, str]:
+    """Take the options `SENSED` out of others; return the arguments of `RoadWorld.shifted`.
+
+    Raises:
+        UserError: If a value is not a text.
+    """
+    sensed = {name: options.pop(option, "") for option, name in SENSED.items()}
+    for option, value in zip(SENSED, sensed.values(), strict=True):
+        if not isinstance(value, str):
+            raise UserError(f"{option} must be text, as latency=1, got {value!r}")
+    return sensed
 
 
 def world_of(scene: Scene | str, **options: Any) -> SceneWorld:
-    """Return a scene, or one of `SCENES` by name, as a world; other options are the scene's own.
+    """Return a scene as a world.
 
-    With the option `agents` so many of its vehicles are controlled (`AgentOptions`).
+    Options of `kinds.PARTS` add several agents, continuous actions or people; `shift` and
+    `front_end` are texts of `RoadWorld.shifted`.
 
     Raises:
         UserError: If the scene, an option or a value is unknown.
     """
+    sensed = sensed_of(options)
     chosen = scene_of(scene) if isinstance(scene, str) else scene
-    kind = SceneFleetOptions if "agents" in options else RoadOptions
+    kind = kind_with(RoadOptions, parts_of(options))
     names = tuple(field.name for field in dataclasses.fields(kind))
     for option in options:
         one_of(f"option of {chosen.name}", option, names)
-    return SceneWorld(chosen, kind(**{**_CLOCK, **chosen.defaults, **options}))
+    world = SceneWorld(kind(**{**_CLOCK, **chosen.defaults, **options}), scene=chosen)
+    return world.shifted(**sensed)

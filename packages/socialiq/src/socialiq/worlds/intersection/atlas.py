@@ -1,6 +1,6 @@
 """Atlas: trained intersection policies shipped with the package, and how each was made.
 
-They are stored beside the committed results of the studies that made them.
+They are stored with the committed results of the studies that made them.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ def load(name: str) -> QPolicy | EnsemblePolicy:
 
 
 def load_continuous(name: str) -> ActorPolicy:
-    """Load a policy of the atlas with continuous actions; errors are as of `load`."""
+    """Load a policy of the atlas with continuous actions; it raises what `load` raises."""
     return _checked(ActorPolicy.load, name, CONTINUOUS_STUDIES)
 
 
@@ -57,14 +57,36 @@ def _checked(read: Callable[[Path], Any], name: str, studies: tuple[str, ...]) -
 
 
 def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
-    """Return the path of a policy's file; refuse unknown names."""
+    """Return the path of a policy's file.
+
+    Args:
+        name: Name of the policy.
+        studies: Studies in whose results it is searched for.
+
+    Raises:
+        UserError: If none of them has a policy of this name.
+    """
     one_of("policy of the atlas", name, names(studies))
     folder, policies = next(entry for entry in _parts(studies) if name in entry[1])
     return folder / policies[name]["file"]
 
 
+def studies_of(action_size: int) -> tuple[str, ...]:
+    """Return the studies whose policies have actions of a length, 0 for discrete ones."""
+    return CONTINUOUS_STUDIES if action_size else STUDIES
+
+
 def path_for(name: str, options: Options) -> Path:
-    """Return the path of a policy's file, of the scenario's kind of actions; none steers."""
+    """Return the path of a policy's file, for the kind of actions of a scenario.
+
+    Args:
+        name: Name of the policy.
+        options: Options of the scenario.
+
+    Raises:
+        UserError: If the name is unknown for this kind of actions, or the scenario's ego steers: no
+            policy of the atlas does.
+    """
     path = path_of(name, CONTINUOUS_STUDIES if options.continuous else STUDIES)
     if options.width == 2:
         raise UserError(

@@ -1,24 +1,23 @@
 """Options of the intersection, the populations of its drivers, and the records of its core."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.worlds.highway import options as road_options
+from socialiq.worlds.highway import ego
 from socialiq.worlds.highway.options import (
-    DRIVER,
-    FLAGS,
-    MOTION,
-    PUSH,
+    VEHICLE,
     AgentOptions,
     Buffers,
     ClockOptions,
+    ControlOptions,
     EgoOptions,
     RewardOptions,
     RoadOptions,
 )
+from socialiq.worlds.highway.people import PeopleOptions
 from socialiq.worlds.highway.scenes import sight
 
 
@@ -35,7 +34,7 @@ class Population(NamedTuple):
     """Distributions that a driver draws from when it enters, in the order of the fields.
 
     The exponent of the free-road term is always drawn first, uniformly from 3.5 to 4.5, as
-    highway-env does. A field with deviation 0 draws nothing.
+    highway-env does. No number is drawn for a field with deviation 0.
     """
 
     # m/s. Infinite: the driver starts with the speed it enters at, and takes the road's limit after
@@ -68,7 +67,6 @@ spreads of the size that calibrations of the model report, and clipped to physic
 """
 
 Destination = Literal["right", "left", "straight", "random"]
-ContinuousActions = Literal["continuous", "continuous_steering"]
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ class _SpawnOptions:
 
 @dataclass(frozen=True)
 class _TrafficOptions:
-    """The other drivers."""
+    """Drivers of the traffic."""
 
     # whether they search for leaders beyond the end of their lane, as in intersection-v2
     connected_lanes: bool = False
@@ -124,12 +122,30 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
         """Largest number of vehicles of an episode: every spawn attempt, and the agents."""
         return self.initial_vehicle_count + self.agents + self.decisions + 1
 
+    @property
+    def exits(self) -> dict[Destination, int]:
+        """Number of the arm of each exit in right-hand traffic; 0 draws one."""
+        return {"random": 0, "left": 1, "straight": 2, "right": 3}
+
+    @property
+    def of_traffic(self) -> dict[str, Any]:
+        """Fields of the SETTINGS record of vehicles that arrive, by name."""
+        exit = self.destination
+        if self.left_hand:  # arms of a mirror image are numbered the other way round
+            exit = _MIRRORED.get(exit, exit)
+        return {
+            "warm_up": 3 * self.simulation_frequency,
+            "rule_period": int(1 / (1 / self.simulation_frequency) / 2),
+            "tie": TIE if self.canonical else 0.0,
+            "destination": self.exits[exit],
+            "population": POPULATIONS[self.population],
+            "own_frame": isinstance(self, AgentOptions) and self.frame == "own",
+        }
+
 
 @dataclass(frozen=True)
-class ContinuousOptions(Options):
+class ContinuousOptions(ControlOptions, Options):  # pyright: ignore[reportIncompatibleVariableOverride]
     """Options of the same scenario with highway-env's continuous actions.
-
-    Nothing steers along the lane for the ego: with acceleration alone it drives straight on.
 
     Raises:
         UserError: As `Options`, and if the ego can't reach its destination.
@@ -138,26 +154,32 @@ class ContinuousOptions(Options):
     # as of `Options`; only its route's progress depends on it. With acceleration alone it must be
     # "straight"
     destination: Destination = "straight"
-    # "continuous": acceleration alone. "continuous_steering": acceleration, then the angle of the
-    # front wheels
-    actions: ContinuousActions = "continuous"
-    # whether an episode ends when the ego is off the road after a decision, as with highway-env's
-    # option of this name. It then costs r_env what a collision costs
-    offroad_terminal: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        one_of("actions", self.actions, get_args(ContinuousActions))
         if self.actions == "continuous" and self.destination != "straight":
             raise UserError(
                 f"the ego can't reach '{self.destination}' by acceleration alone: choose the "
                 "destination 'straight', or the actions 'continuous_steering'"
             )
 
-    @property
-    def width(self) -> int:
-        """Number of values of a continuous action."""
-        return 2 if self.actions == "continuous_steering" else 1
+
+@dataclass(frozen=True)
+class CrosswalkOptions(PeopleOptions, Options):
+    """Options of the intersection with a crosswalk over each arm, and bicycle lanes along the arms.
+
+    Raises:
+        UserError: As `Options` and `PeopleOptions`.
+    """
+
+
+@dataclass(frozen=True)
+class WalkedContinuousOptions(ContinuousOptions, CrosswalkOptions):
+    """Options of the intersection with crosswalks and continuous actions.
+
+    Raises:
+        UserError: As `ContinuousOptions` and `CrosswalkOptions`.
+    """
 
 
 @dataclass(frozen=True)
@@ -189,53 +211,35 @@ TIE = 1e-9
 """Largest difference that counts as equal in canonical mode, m."""
 
 
-def settings_of(options: Options) -> np.ndarray:
-    """Return the SETTINGS record as an array of one element."""
-    record = road_options.settings_of(options)
-    record["warm_up"] = 3 * options.simulation_frequency
-    record["rule_period"] = int(1 / (1 / options.simulation_frequency) / 2)
-    record["tie"] = TIE if options.canonical else 0.0
-    record["destination"] = _ARMS[options.destination]
-    record["population"] = POPULATIONS[options.population]
-    return record
+_MIRRORED: dict[Destination, Destination] = {"left": "right", "right": "left"}
 
-
-_ARMS: dict[Destination, int] = {"random": 0, "left": 1, "straight": 2, "right": 3}
-
-
-ACCELERATION_RANGE = (-5.0, 5.0)  # m/s², of continuous actions -1 and 1
 
 ACTIONS = ("slower", "idle", "faster")
 """Actions: one target speed down, keep, one up, counted from the present speed."""
 
 SLOWER, IDLE, FASTER = range(len(ACTIONS))
+ALONG = np.array([(-1, 0), (0, 0), (1, 0)])
+"""Change of the target speed's and of the target lane's number by each of `ACTIONS`."""
 
 SPEED_LIMIT = 10.0  # of every lane, m/s
-POSITION_RANGE = 100.0  # m, seen as 1
-SPEED_RANGE = 20.0  # m/s, seen as 1
-
-SIGHT = sight(POSITION_RANGE, POSITION_RANGE, SPEED_RANGE, SPEED_RANGE, relative=False)
-VEHICLE = np.dtype(
-    [
-        *MOTION,  # the target speed is 0 while yielding
-        ("desired_speed", np.float64),  # m/s; infinity: only the road's limit binds
-        *DRIVER,
-        *PUSH,
-        ("identity", np.int32),  # unique in its episode
-        ("lane", np.int8),  # closest lane, 0 to 19
-        ("target_lane", np.int8),  # lane it steers along
-        ("origin", np.int8),  # arm it comes from, 0 to 3
-        ("destination", np.int8),  # arm it leaves by
-        ("leg", np.int8),  # completed legs of its route: 0 to 3
-        ("yielding", np.bool_),
-        *FLAGS,
-    ],
-    align=True,
-)
-"""Vehicle record. The vehicles of an episode are one row in highway-env's list order: those that
-entered before the ego, the ego, those that entered later."""
+POSITION_RANGE = ego.POSITION_RANGE  # m, seen as 1
+SPEED_RANGE = ego.SPEED_RANGE  # m/s, seen as 1
+EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
+# The core asks for more metres than this number, highway-env for at least 25.
+_ARRIVAL = float(np.nextafter(EXIT_DISTANCE, 0.0))
+_SCALES = POSITION_RANGE, POSITION_RANGE, SPEED_RANGE, SPEED_RANGE
+SIGHT = sight(*_SCALES, _ARRIVAL, relative=False, by_route=True)
 
 
 def buffers_of(options: Options, size: int, traced: bool = False) -> Buffers:
-    """Return empty buffers for `size` episodes, with space for every sub-step if traced."""
+    """Return empty buffers.
+
+    Args:
+        options: Options of the scenario.
+        size: Number of episodes.
+        traced: Whether there is space for every sub-step.
+
+    Raises:
+        UserError: If the size is not positive.
+    """
     return Buffers.of(options, VEHICLE, options.capacity, size, traced)

@@ -5,17 +5,15 @@ They implement `types.Policy`, so they can drive the core and the real highway-e
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import one_of
 from socialiq.physics import desired_gap
 from socialiq.physics import idm as model
-from socialiq.types import Memoryless
+from socialiq.worlds.highway import rules
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.highway.options import FEATURES
+from socialiq.worlds.highway.rules import OfEgos, Rule, RulePolicy, Seen
 from socialiq.worlds.intersection import options as scenario
 
 STOP_LINE = 11.0  # m south of the centre
@@ -27,42 +25,13 @@ SAME_LANE = 1.0  # m to the side of the ego within which a vehicle is on its lan
 IDM = scenario.POPULATIONS["highway_env"]
 IDM_EXPONENT = 4.0
 IDM_GAP = 3.0  # s
-IDM_STEP = 1.0  # s between decisions
 IDM_CONE = 0.17  # of the way ahead, to either side: 10 degrees
 TARGET_SPEEDS = np.array(scenario.Options().target_speeds)  # m/s
 
-Seen = Float[np.ndarray, "batch vehicle feature"]
-Rule = Callable[[Seen], Int64[np.ndarray, " batch"] | Float32[np.ndarray, "batch value"]]
-OfEgos = Float[np.ndarray, " batch"]
-
 
 def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
-    """Return the vehicles of observations, one row of features each, in m and m/s.
-
-    Rows of people on foot, whose presence is their class, count as empty.
-    """
-    shape = len(observation), observation.shape[1] // len(FEATURES), len(FEATURES)
-    vehicles = observation.reshape(shape).astype(np.float64)
-    vehicles[..., 1:3] *= scenario.POSITION_RANGE
-    vehicles[..., 3:5] *= scenario.SPEED_RANGE
-    vehicles[..., 0] *= vehicles[..., 0] <= 1.0
-    return vehicles
-
-
-class RulePolicy(Memoryless):
-    """Policy defined by a rule.
-
-    The rule is a function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions:
-    numbers, or vectors in [-1, 1].
-    """
-
-    def __init__(self, rule: Rule) -> None:
-        self._rule = rule
-
-    def choose(self, observation: np.ndarray, _deterministic: bool, /) -> np.ndarray:
-        """Choose actions for one observation or a batch of them."""
-        actions = self._rule(in_metres(np.atleast_2d(np.asarray(observation, np.float64))))
-        return actions if np.ndim(observation) > 1 else np.asarray(actions[0])
+    """Return the vehicles of observations in m and m/s, as `highway.rules.in_metres`."""
+    return rules.in_metres(observation, scenario.SIGHT)
 
 
 def stop_line(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
@@ -78,7 +47,7 @@ def gap(seconds: float) -> Rule:
 
 
 def idm(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
-    """Follow the Intelligent Driver Model, as the other drivers do.
+    """Follow the Intelligent Driver Model, as the drivers of the traffic do.
 
     To give way, the rule adds a standing vehicle with its rear on the stop line, as is usual for
     this model at a red light. It assumes the default target speeds, and that IDLE keeps the target
@@ -86,7 +55,8 @@ def idm(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
     speed of the model a second later, but FASTER only if the model accelerates: a step of 4.5 m/s
     that is rounded up leaves no space to stop behind a crashed vehicle.
     """
-    speed, target = np.hypot(vehicles[:, 0, 3], vehicles[:, 0, 4]), _idm_speed(vehicles)
+    speed = np.hypot(vehicles[:, 0, 3], vehicles[:, 0, 4])
+    target = _idm_speed(vehicles)
     level = np.abs(speed[:, None] - TARGET_SPEEDS).argmin(axis=1)
     slower, same, faster = (
         TARGET_SPEEDS[(level + change).clip(0, len(TARGET_SPEEDS) - 1)] for change in (-1, 0, 1)
@@ -96,25 +66,30 @@ def idm(vehicles: Seen) -> Int64[np.ndarray, " batch"]:
 
 
 def _idm_speed(vehicles: Seen) -> OfEgos:
-    """Return the model's speed after `IDM_STEP`, m/s."""
+    """Return the model's speed after `rules.STEP`, m/s."""
     speed = np.hypot(vehicles[:, 0, 3], vehicles[:, 0, 4])
     acceleration = _idm_acceleration(speed, *_leader(vehicles))
     stopped = _idm_acceleration(speed, _to_stop_line(vehicles) + VEHICLE_LENGTH / 2, speed)
     waits = _gives_way(vehicles, IDM_GAP)
-    return speed + IDM_STEP * np.where(waits, np.minimum(acceleration, stopped), acceleration)
+    return speed + rules.STEP * np.where(waits, np.minimum(acceleration, stopped), acceleration)
 
 
 def accelerating(name: str, size: int, seed: int = 0) -> Rule:
     """Return a rule as continuous actions; it does not steer.
 
-    `idm` takes the model's acceleration. The others drive towards 9 m/s where they choose FASTER,
-    towards 0 where they choose SLOWER. None drives backwards. `random` draws uniformly.
+    `idm` takes the model's acceleration, and `random` draws uniformly, its steering too if actions
+    have two numbers. All further rules drive towards 9 m/s where they choose FASTER, and towards 0
+    where they choose SLOWER. None of them drives backwards.
+
+    Args:
+        name: One of `NAMES`.
+        size: Length of an action: 1, or 2 with steering.
+        seed: Seed of the draws of `random`.
     """
-    rng = np.random.default_rng(seed)
+    if name == "random":
+        return rules.random_rule(np.random.default_rng(seed), len(scenario.ACTIONS), size)
 
     def act(vehicles: Seen) -> Float32[np.ndarray, "batch value"]:
-        if name == "random":
-            return rng.uniform(-1.0, 1.0, (len(vehicles), size)).astype(np.float32)
         speed = vehicles[:, 0, 3] * vehicles[:, 0, 5] + vehicles[:, 0, 4] * vehicles[:, 0, 6]
         if name == "idm":
             target = np.maximum(_idm_speed(vehicles), 0.0)
@@ -122,25 +97,29 @@ def accelerating(name: str, size: int, seed: int = 0) -> Rule:
             target = np.choose(
                 _RULES[name](vehicles), [np.zeros_like(speed), speed, TARGET_SPEEDS[-1]]
             )
-        chosen = np.zeros((len(vehicles), size), np.float32)
-        chosen[:, 0] = ((target - speed) / IDM_STEP / scenario.ACCELERATION_RANGE[1]).clip(
-            -1.0, 1.0
-        )
-        return chosen
+        return rules.towards(vehicles, target, size)
 
     return act
 
 
 def policy(name: str, seed: int = 0, options: scenario.Options | None = None) -> RulePolicy:
-    """Return a reference policy of `NAMES`, in a scenario that may have continuous actions."""
+    """Return a reference policy.
+
+    Args:
+        name: One of `NAMES`.
+        seed: Seed of the draws of `random`.
+        options: Options of the scenario; None: actions are discrete.
+
+    Raises:
+        UserError: If the name is unknown.
+    """
     one_of("reference policy", name, NAMES)
     if options is not None and options.continuous:
-        return RulePolicy(accelerating(name, options.width, seed))
-    rng = np.random.default_rng(seed)
-    rules = _RULES | {
-        "random": lambda vehicles: rng.integers(len(scenario.ACTIONS), size=len(vehicles))
+        return RulePolicy(accelerating(name, options.width, seed), scenario.SIGHT)
+    every = _RULES | {
+        "random": rules.random_rule(np.random.default_rng(seed), len(scenario.ACTIONS), 0)
     }
-    return RulePolicy(rules[name])
+    return RulePolicy(every[name], scenario.SIGHT)
 
 
 _RULES: dict[str, Rule] = {
@@ -162,7 +141,17 @@ def _to_stop_line(vehicles: Seen) -> OfEgos:
 
 
 def conflict(vehicles: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
-    """Whether each vehicle is in the junction, or reaches it within `seconds` at its speed."""
+    """Whether each vehicle is in the junction, or reaches it soon.
+
+    Vehicles behind the ego on its lane don't count.
+
+    Args:
+        vehicles: Observed vehicles, (batch, vehicles, 7), in m and m/s; the first is the ego.
+        seconds: Time within which a vehicle at its present speed reaches the junction.
+
+    Returns:
+        True for each conflicting vehicle, (batch, vehicles - 1).
+    """
     x, y, vx, vy = (vehicles[:, 1:, number] for number in range(1, 5))
     there = vehicles[:, 1:, 0] > 0
     away = np.maximum(np.maximum(np.abs(x), np.abs(y)) - CONFLICT_REACH, 0.0)
@@ -183,9 +172,12 @@ def _gives_way(vehicles: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
 def _leader(vehicles: Seen) -> tuple[OfEgos, OfEgos]:
     """Return the distance of the nearest leader, infinite if none, and the closing speed."""
     ego = vehicles[:, :1]
-    cos, sin = ego[..., 5], ego[..., 6]
-    x, y = vehicles[:, 1:, 1] - ego[..., 1], vehicles[:, 1:, 2] - ego[..., 2]
-    ahead, aside = x * cos + y * sin, np.abs(y * cos - x * sin)
+    cos = ego[..., 5]
+    sin = ego[..., 6]
+    x = vehicles[:, 1:, 1] - ego[..., 1]
+    y = vehicles[:, 1:, 2] - ego[..., 2]
+    ahead = x * cos + y * sin
+    aside = np.abs(y * cos - x * sin)
     with_it = vehicles[:, 1:, 5] * cos + vehicles[:, 1:, 6] * sin > 0
     on_lane = (np.abs(x) < SAME_LANE) & (vehicles[:, 1:, 2] > CONFLICT_REACH)
     in_cone = (aside < IDM_CONE * ahead) & with_it
@@ -198,8 +190,9 @@ def _leader(vehicles: Seen) -> tuple[OfEgos, OfEgos]:
 
 
 def _idm_acceleration(speed: OfEgos, gap: OfEgos, closing: OfEgos) -> OfEgos:
-    """Return `core.traffic.idm_acceleration` in m/s²; gaps in m between centres, closing in m/s."""
-    strongest, comfort = IDM.max_acceleration.mean, IDM.comfort_deceleration.mean
+    """Return the core's acceleration in m/s²; gaps in m between centres, closing in m/s."""
+    strongest = IDM.max_acceleration.mean
+    comfort = IDM.comfort_deceleration.mean
     steady = IDM.jam_distance.mean + speed * IDM.time_headway.mean
     ratio = desired_gap(steady, speed, closing, strongest, comfort) / np.maximum(gap, 0.01)
     return model(1.0 - (speed / TARGET_SPEEDS[-1]) ** IDM_EXPONENT, ratio, strongest)

@@ -4,7 +4,7 @@ Checked with highway-env 1.12.1; needs the extra `highway`. highway-env's classe
 never changed: an episode of the population `highway_env` is, draw for draw, the episode of a plain
 `IntersectionEnv` with the same configuration and seed.
 
-Its results differ in the last bits between CPUs with and without AVX-512: there NumPy uses other
+Its results differ in the last bits between CPUs with and without AVX-512. With it NumPy uses other
 routines for arcsin, arctan, tan and power, and OpenBLAS another order for sums. They differ by an
 ulp, and stopping vehicles magnify that. The variables of `highway.PORTABLE`, set before Python
 starts, select the portable routines.
@@ -20,15 +20,15 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.types import TERMINAL, Ending
 from socialiq.worlds.highway import options as roads
+from socialiq.worlds.highway.core import drivers, step
 from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.reference import write_commands, write_motion
 from socialiq.worlds.intersection import options as scenario
-from socialiq.worlds.intersection.core import step, traffic
-from socialiq.worlds.intersection.core.geometry import LEGS
+from socialiq.worlds.intersection.core.geometry import ROAD, ROUTES
 
 try:
-    from highway_env.envs.common.action import ContinuousAction
+    from highway_env.envs.common.action import ContinuousAction, MultiAgentAction
     from highway_env.envs.intersection_env import IntersectionEnv
     from highway_env.road.regulation import RegulatedRoad
     from highway_env.vehicle.behavior import IDMVehicle
@@ -88,7 +88,8 @@ globals().update({driver.__name__: driver for driver in DRIVERS.values()})
 
 
 contact_of = for_python(kernels.contact_of)
-arrived, route_coordinate = for_python(traffic.arrived), for_python(traffic.route_coordinate)
+arrived = for_python(drivers.arrived)
+coordinate = for_python(drivers.coordinate)
 
 
 def environment_config(options: scenario.Options) -> dict[str, Any]:
@@ -97,10 +98,8 @@ def environment_config(options: scenario.Options) -> dict[str, Any]:
     Nested dictionaries are complete, because highway-env replaces them and adds no defaults.
     `flatten` is left out: highway-env accepts the key and ignores it.
     """
-    metres, speed = (
-        [-scenario.POSITION_RANGE, scenario.POSITION_RANGE],
-        [-scenario.SPEED_RANGE, scenario.SPEED_RANGE],
-    )
+    metres = [-scenario.POSITION_RANGE, scenario.POSITION_RANGE]
+    speed = [-scenario.SPEED_RANGE, scenario.SPEED_RANGE]
     driver = DRIVERS[options.population]
     action = {"type": "ContinuousAction", "longitudinal": True, "lateral": options.width == 2}
     if not options.continuous:
@@ -119,7 +118,7 @@ def environment_config(options: scenario.Options) -> dict[str, Any]:
         "see_behind": False,
         "observe_intentions": False,
     }
-    if isinstance(options, scenario.FleetOptions):
+    if isinstance(options, roads.AgentOptions):
         if (options.ends, options.frame) != ("joint", "world") or options.agents > 4:
             raise UserError(
                 "highway-env has up to 4 agents that end together in one frame: choose the "
@@ -137,16 +136,12 @@ def environment_config(options: scenario.Options) -> dict[str, Any]:
         "spawn_probability": options.spawn_probability,
         "destination": arms[options.destination],
         "controlled_vehicles": options.agents,
-        "offroad_terminal": isinstance(options, scenario.ContinuousOptions)
-        and options.offroad_terminal,
+        "offroad_terminal": isinstance(options, roads.ControlOptions) and options.offroad_terminal,
         "neighbour_vehicles_connected_lanes": options.connected_lanes,
         "other_vehicles_type": f"{driver.__module__}.{driver.__name__}",
     }
 
 
-# Of an ego with continuous actions, which highway-env gives no target lane and no route.
-_ENTRY = ("o0", "ir0")
-_WHOLE_ROUTE = (None, None, None)
 _NOTHING = int(roads.Contact.NONE), -1
 
 
@@ -165,6 +160,15 @@ class _SteeredAction(ContinuousAction):
     @property
     def vehicle_class(self) -> type:
         """Class of the ego."""
+        return _SteeredVehicle
+
+
+class _SteeredFleet(MultiAgentAction):
+    """highway-env's actions of several such vehicles."""
+
+    @property
+    def vehicle_class(self) -> type:
+        """Class of the agents."""
         return _SteeredVehicle
 
 
@@ -204,17 +208,20 @@ class _WatchedRoad(RegulatedRoad):
 
     def records(self) -> np.ndarray:
         """Return the current vehicles in list order, VEHICLE (vehicles,)."""
-        records = np.zeros(len(self.vehicles), scenario.VEHICLE)
+        records = np.zeros(len(self.vehicles), roads.VEHICLE)
         for row, vehicle in zip(records, self.vehicles, strict=True):
             write_motion(row, vehicle)
             write_commands(row, vehicle)
             row["target_speed"] = getattr(vehicle, "target_speed", scenario.SPEED_LIMIT)
             row["identity"], row["origin"], row["destination"] = self._entries[vehicle]
             row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
-            target = getattr(vehicle, "target_lane_index", _ENTRY)
+            entry = f"o{row['origin']}", f"ir{row['origin']}"
+            target = getattr(vehicle, "target_lane_index", entry)
             row["target_lane"] = self._lane_numbers[target[:2]]
-            legs = LEGS[row["origin"], row["destination"]]
-            row["leg"] = legs - len(getattr(vehicle, "route", _WHOLE_ROUTE))
+            legs = (ROUTES[row["origin"], row["destination"]] >= 0).sum()
+            row["route"] = ROAD.arrivals[row["origin"], row["destination"]]
+            # highway-env gives an agent with continuous actions no target lane and no route
+            row["leg"] = legs - len(vehicle.route) if hasattr(vehicle, "route") else 0
             row["agent"] = self.agents.index(vehicle) if vehicle in self.agents else -1
             row["yielding"] = getattr(vehicle, "is_yielding", False)
             row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
@@ -236,8 +243,11 @@ class _WatchedEnv(IntersectionEnv):
 
     def define_spaces(self) -> None:
         super().define_spaces()
-        if isinstance(self.action_type, ContinuousAction):
-            self.action_type = _SteeredAction(self, **self.config["action"])
+        action = self.config["action"]
+        kinds = [action["type"], action.get("action_config", {}).get("type")]
+        if "ContinuousAction" in kinds:
+            kind = _SteeredAction if kinds[0] == "ContinuousAction" else _SteeredFleet
+            self.action_type = kind(self, **action)
 
     def _make_road(self) -> None:
         super()._make_road()
@@ -264,18 +274,19 @@ class _WatchedEnv(IntersectionEnv):
 class HighwayIntersection:
     """Real highway-env, one episode at a time, converted to the core's records.
 
-    The state of an episode is recorded at three moments of a step. After a reset all three are
-    the initial state.
+    The state of an episode is recorded at three moments of a step. After a reset all three are the
+    initial state.
 
-    `before` has the vehicles at the decision, `after` those after the sub-steps, before clearing
-    and spawning: observation, endings and rewards are of that moment.
+    `before` has the vehicles at the decision, and `after` those after the sub-steps, before
+    clearing and spawning. Observation, endings and rewards belong to the moment of `after`.
     """
 
     def __init__(self, options: scenario.Options) -> None:
         self.environment = _WatchedEnv(config=environment_config(options))
-        self._several = isinstance(options, scenario.FleetOptions)
+        self._several = isinstance(options, roads.AgentOptions)
         # as highway-env says of the last step: whether episode and agents have ended
-        self.over, self.agents_terminated = False, (False,) * options.agents
+        self.over = False
+        self.agents_terminated = (False,) * options.agents
         self.rewards = np.zeros(1 + options.agents)  # highway-env's: their mean, then the agents'
         self.reset()
 
@@ -290,7 +301,8 @@ class HighwayIntersection:
         self.before = self.vehicles
         chosen: Any = tuple(action) if self._several else action
         observation, reward, terminated, truncated, facts = self.environment.step(chosen)
-        self.over, self.agents_terminated = terminated or truncated, (terminated,)
+        self.over = terminated or truncated
+        self.agents_terminated = (terminated,)
         self.after = self.environment.after
         self.rewards = np.array([reward, *facts["agents_rewards"]])
         if self._several:
@@ -312,13 +324,18 @@ def controlled(vehicles: np.ndarray) -> np.ndarray:
 def rewards_of(buffers: roads.Buffers, off_road: np.ndarray) -> np.ndarray:
     """Return highway-env's own rewards of the last decision of one episode, as it defines them.
 
-    They are the mean over the agents, then each agent's; given is which ones are off the road.
+    Args:
+        buffers: Arrays of a batch of one episode.
+        off_road: Whether each agent is off the road, bool (agent,).
+
+    Returns:
+        The mean over the agents, then each agent's reward.
     """
     rewards = []
     for slot, left in zip(buffers.present[0, 1:], off_road, strict=True):
         vehicle = buffers.after[0, slot]
         fast = np.clip(0 + (vehicle["speed"] - 7.0) * (1 - 0) / (9.0 - 7.0), 0, 1)
-        reward = 1 if arrived(vehicle, 0) else -5 * int(vehicle["crashed"]) + fast
+        reward = 1 if arrived(vehicle, ROAD) else -5 * int(vehicle["crashed"]) + fast
         rewards.append(reward * (not left))
     return np.array([sum(rewards) / len(rewards), *rewards])
 
@@ -327,20 +344,27 @@ class Reference:
     """One highway-env for each row of the buffers, in the place of the core."""
 
     def __init__(self, options: scenario.Options, buffers: roads.Buffers) -> None:
-        self._buffers, self._settings = buffers, scenario.settings_of(options)
-        self._several = isinstance(options, scenario.FleetOptions)
+        self._buffers = buffers
+        self._settings = roads.settings_of(options)
+        self._several = isinstance(options, roads.AgentOptions)
         self.rows = [HighwayIntersection(options) for _ in buffers.episodes]
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         """Carry out one command for each episode.
 
-        The core computes endings and rewards of highway-env's states. An ending that is terminal
-        here and not in highway-env, or the other way round, is corrected, so that a comparison
-        finds the difference.
+        The core computes endings and rewards of highway-env's states. An ending that is terminal in
+        only one of core and highway-env is corrected, so that a comparison finds the difference.
+
+        Args:
+            commands: One of the commands of `highway.options` for each episode.
+            seeds: Seed of each episode, uint64.
+            seeded: Whether a reset takes the seed, bool; else it continues the stream.
+            actions: Actions of all agents.
         """
         buffers = self._buffers
         decided = np.isin(commands, (roads.DECIDE, roads.DECIDE_AND_RESET))
-        observation, agents = np.zeros_like(buffers.reached), buffers.present.shape[1] - 1
+        observation = np.zeros_like(buffers.reached)
+        agents = buffers.present.shape[1] - 1
         for row in np.flatnonzero(decided):
             real = self.rows[row]
             here = slice(row * agents, (row + 1) * agents)
@@ -351,9 +375,10 @@ class Reference:
             buffers.present[row] = len(real.after), *controlled(real.after)
             self._write(row)
         annotated = np.where(decided, roads.ANNOTATE, roads.SKIP).astype(np.int8)
-        unseeded, unused = np.zeros_like(decided), np.zeros(len(buffers.ending), np.int64)
-        rows = 0, 0, len(commands)
-        step.run(buffers, annotated, seeds, unseeded, unused, self._settings, *rows)
+        unseeded = np.zeros_like(decided)
+        unused = np.zeros(len(buffers.ending), np.int64)
+        rows = 0, len(commands)
+        step.run(buffers, annotated, seeds, unseeded, unused, self._settings, ROAD, *rows)
         for row in np.flatnonzero(decided):
             for number, terminated in enumerate(self.rows[row].agents_terminated):
                 result = row * agents + number
@@ -372,15 +397,19 @@ class Reference:
             buffers.episodes[row]["ended"] = int(Ending.NONE)
             self._write(row)
             for number, slot in enumerate(controlled(self.rows[row].vehicles)):
-                start = route_coordinate(buffers.vehicles[row][slot], 0)
+                start = coordinate(buffers.vehicles[row][slot], ROAD)
                 buffers.episodes[row]["start"][number] = start
 
     def _write(self, row: Any) -> None:
         """Write the present vehicles and the facts of the episode."""
-        real, episode = self.rows[row], self._buffers.episodes[row]
-        vehicles, environment = real.vehicles, real.environment
+        real = self.rows[row]
+        episode = self._buffers.episodes[row]
+        vehicles = real.vehicles
+        environment = real.environment
         self._buffers.vehicles[row, : len(vehicles)] = vehicles
-        slots, contacts = controlled(vehicles), np.array(environment.road.contacts)
-        episode["vehicles"], episode["time"] = len(vehicles), environment.time
+        slots = controlled(vehicles)
+        contacts = np.array(environment.road.contacts)
+        episode["vehicles"] = len(vehicles)
+        episode["time"] = environment.time
         episode["controlled"][: len(slots)] = slots
         episode["contact"][: len(slots)], episode["touched"][: len(slots)] = contacts.T

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 
 from socialiq.worlds.highway import shapes
-from socialiq.worlds.highway.core.geometry import LANE_WIDTH
+from socialiq.worlds.highway.network import LANE_WIDTH
 from socialiq.worlds.highway.render import Frame, Scene
 from socialiq.worlds.highway.shapes import Pose
-from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, STRAIGHT
-from socialiq.worlds.intersection.core.people import BESIDE, HALF_WIDTH, MIDDLE
-from socialiq.worlds.intersection.core.traffic import EXIT_DISTANCE
+from socialiq.worlds.intersection.core.geometry import LANES, ROAD, ROUTES, STRAIGHT
+from socialiq.worlds.intersection.options import EXIT_DISTANCE
 
 REACH = 50.0
 """Visible metres to the west and east of the centre."""
@@ -32,7 +31,8 @@ class Crossing:
     corner: tuple[float, float] | None = (18.0, -39.0)
 
     def __init__(self, walks: bool = False, rides: bool = False) -> None:
-        self._walks, self._rides = walks, rides
+        self._walks = walks
+        self._rides = rides
 
     def ground(self, axes: Any) -> None:
         """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks."""
@@ -52,17 +52,14 @@ class Crossing:
         axes.add_artist(Polygon(kerb, joinstyle="round", **asphalt))
         arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
         centre = [arm.to_world([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
-        for arm in arms:
-            if self._walks:
-                shapes.stripes(axes, arm, MIDDLE - HALF_WIDTH, MIDDLE + HALF_WIDTH)
-            if self._rides:
-                lane = arm.to_world([(-reach, BESIDE), (reach, BESIDE)])
-                look = {"facecolor": shapes.BICYCLES, "alpha": 0.5, "zorder": 1.2}
-                shapes.band(axes, lane, 2 * (BESIDE - LANE_WIDTH), **look)
+        if self._walks:
+            shapes.ways_of_people(axes, ROAD.crossings.ways, self._rides)
         dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
         stop = [arm.to_world([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
         # Triangles before the stop line point at the drivers who must give way.
-        base, tip, width = JUNCTION + 0.6, JUNCTION + 2.0, LANE_WIDTH / 4
+        base = JUNCTION + 0.6
+        tip = JUNCTION + 2.0
+        width = LANE_WIDTH / 4
         teeth = [
             arm.to_world([(base, left - 0.1), (base, left - width + 0.1), (tip, left - width / 2)])
             for arm in arms[::2]
@@ -73,12 +70,23 @@ class Crossing:
             axes.add_artist(marking)
 
     def frame(self, scene: Scene, strip: bool = False) -> Frame:  # noqa: ARG002  it never moves
-        """Return the visible part of the world."""
-        south, wide = (1 + _SOUTHWARDS) * REACH, REACH * (_NARROW if strip else 1.0)
+        """Return the visible part of the world, which never moves.
+
+        Args:
+            scene: Not used.
+            strip: Whether the picture belongs to a filmstrip, which is narrower.
+        """
+        south = (1 + _SOUTHWARDS) * REACH
+        wide = REACH * (_NARROW if strip else 1.0)
         return Frame(-wide, wide, south - 2 * REACH, south)
 
     def way(self, axes: Any, scene: Scene) -> None:
-        """Draw the ego's influence zone and the rest of its route."""
+        """Draw the ego's influence zone and the rest of its route.
+
+        Args:
+            axes: Axes to draw in.
+            scene: Scene with the ego.
+        """
         ego = scene.vehicles[scene.ego]
         approach, across, leave = (LANES[n] for n in ROUTES[ego["origin"], ego["destination"], :3])
         start = float(approach["length"]) - shapes.ZONE_APPROACH

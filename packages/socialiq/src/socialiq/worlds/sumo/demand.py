@@ -5,6 +5,7 @@ The format is https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +16,9 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.worlds.sumo.network import root_of
+from socialiq.reading import read_text
+from socialiq.worlds.sumo.allowed import DEMAND, copy_allowed
+from socialiq.worlds.sumo.network import LARGEST, root_of, sha256_of_text
 
 MOST_DEPARTURES = 1_000_000
 _PERSONS = {"person": "person", "personFlow": "person"}
@@ -38,14 +41,19 @@ class Demand(NamedTuple):
     Attributes:
         types: XML of types and routes.
         departures: Everybody, by time.
+        sha256: Hash of the file's bytes, as they were read.
+        left_out: What SUMO doesn't get of the file (`allowed`): counts by name.
     """
 
     types: list[str]
     departures: list[Departure]
+    sha256: str
+    left_out: Counter[str]
 
     def begin(self, seed: int, seconds: float) -> float:
         """Return when an episode of so many seconds begins, drawn by its seed, s."""
-        first, last = self.departures[0].time, self.departures[-1].time
+        first = self.departures[0].time
+        last = self.departures[-1].time
         stream = np.random.default_rng([seed, len(_DEPARTING)])
         return float(np.floor(first + stream.random() * max(last - seconds - first, 0.0)))
 
@@ -54,7 +62,6 @@ class Demand(NamedTuple):
         return [(row.time, row.line) for row in self.departures if 0 <= row.time - begin < seconds]
 
 
-@lru_cache(maxsize=8)
 def read_demand(file: str) -> Demand:
     """Read a file of trips, vehicles, flows and persons.
 
@@ -63,20 +70,32 @@ def read_demand(file: str) -> Demand:
     Raises:
         UserError: If it is no such file, or part of it is left to chance or is not supported.
     """
-    path, types, departures, kinds = Path(file), list[str](), list[Departure](), dict[str, str]()
-    for element in root_of(path, "routes", "name a file of trips, vehicles, flows and persons"):
-        name = element.get("id", "")
-        where = f"{path}: <{one_line(element.tag)}> '{one_line(name)}'"
-        if element.tag in ("vType", "route"):
-            if element.tag == "vType":
+    path = Path(file)
+    return _demand(path, read_text(path, LARGEST))
+
+
+@lru_cache(maxsize=8)
+def _demand(path: Path, text: str) -> Demand:
+    remedy = "name a file of trips, vehicles, flows and persons"
+    types = list[str]()
+    departures = list[Departure]()
+    kinds = dict[str, str]()  # class of each type
+    left_out = Counter[str]()
+    for original in root_of(path, text, "routes", remedy):
+        tag = original.tag
+        name = original.get("id", "")
+        where = f"{path}: <{one_line(tag)}> '{one_line(name)}'"
+        inside = [child.tag for child in original if child.tag not in _INSIDE]
+        if tag not in DEMAND or (tag in _DEPARTING and inside):
+            unread = one_line((inside if tag in DEMAND else [tag])[0])
+            raise UserError(f"{where} has <{unread}>, which is not read: leave it out")
+        element = copy_allowed(original, DEMAND[tag], left_out)
+        if tag in ("vType", "route"):
+            if tag == "vType":
                 kinds[name] = "bicycle" if element.get("vClass") == "bicycle" else "vehicle"
                 element.attrib |= {"id": f"of.{name}", "sigma": "0", "speedDev": "0"}
             types.append(tostring(element, "unicode"))
             continue
-        inside = [child.tag for child in element if child.tag not in _INSIDE]
-        if element.tag not in _DEPARTING or inside:
-            tag = one_line((inside or [element.tag])[0])
-            raise UserError(f"{where} has <{tag}>, which is not read: leave it out")
         if any("random" in part.attrib.values() for part in element.iter()):
             raise UserError(f"{where} is left to chance: give a number in the place of random")
         kind = "pedestrian" if element.tag in _PERSONS else "vehicle"
@@ -94,7 +113,7 @@ def read_demand(file: str) -> Demand:
             ) from error
     if not departures:
         raise UserError(f"{path} has no departures: add trips, vehicles, flows or persons")
-    return Demand(types, sorted(departures))
+    return Demand(types, sorted(departures), sha256_of_text(text), left_out)
 
 
 def _times(element: Element) -> Iterator[float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -10,14 +9,14 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import UserError
-from socialiq.reading import sha256_of_file
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import TERMINAL, Ending, RewardPair
+from socialiq.worlds.grammar import parse_options
 from socialiq.worlds.highway.core.rewards import env_signals
 from socialiq.worlds.highway.effects import SIGNALS, record_of
-from socialiq.worlds.highway.options import ENV_SIGNALS, FEATURES
-from socialiq.worlds.intersection.options import ACTIONS, settings_of
-from socialiq.worlds.registry import parse_options
+from socialiq.worlds.highway.options import ENV_SIGNALS, FEATURES, settings_of
+from socialiq.worlds.intersection.options import ACTIONS
+from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import CLASSES
 from socialiq.worlds.sumo.simulation import Episode, Result
 from socialiq.worlds.sumo.traffic import Scene, SumoOptions
@@ -59,29 +58,34 @@ class SumoEnv(gymnasium.Env):
     ) -> None:
         self.options = parse_options("sumo", SumoOptions, {"net": net, **options})
         self.scene = Scene(self.options)
-        self._weights, self._clock = weights(check_angle(angle)), clock
+        self._weights = weights(check_angle(angle))
+        self._clock = clock
         self._effects = record_of(self.options, self.options.road)["weights"][0]
         self._settings = settings_of(self.options.road).view(np.recarray)[0]
         size = self.options.road.observed_vehicles * len(FEATURES)
         low, high = (np.full(size + clock, end, np.float32) for end in (-1.0, 1.0))
         if clock:
-            low[-1], high[-1] = 0.0, self.options.road.decisions
+            low[-1] = 0.0
+            high[-1] = self.options.road.decisions
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Discrete(len(ACTIONS))
-        self.episode: Episode | None = None
+        self.episode: Episode | IsolatedEpisode | None = None
         self.ending = Ending.NONE
 
     @property
     def files(self) -> dict[str, str]:
         """SHA-256 of the network, and of the demand if there is one, which a declaration names."""
-        paths = {"net": self.scene.network.file, "demand": self.options.demand}
-        return {name: sha256_of_file(Path(path)) for name, path in paths.items() if path}
+        hashes = {"net": self.scene.network.sha256}
+        if self.scene.user_demand:
+            hashes["demand"] = self.scene.user_demand.sha256
+        return hashes
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start the episode of a seed, or of the next one that the environment draws."""
         super().reset(seed=seed, options=options)
         chosen = int(self.np_random.integers(2**31)) if seed is None else seed
-        self.episode, self.ending = Episode(self.scene, chosen), Ending.NONE
+        self.episode = episode_of(self.scene, chosen)
+        self.ending = Ending.NONE
         return self._observation(), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -97,7 +101,8 @@ class SumoEnv(gymnasium.Env):
             "speed": result.speed,
             "contact": result.contact.name.lower(),
         }
-        terminated, truncated = result.ending in TERMINAL, result.ending == Ending.TIMEOUT
+        terminated = result.ending in TERMINAL
+        truncated = result.ending == Ending.TIMEOUT
         return self._observation(), float(score(self._weights, pair)), terminated, truncated, info
 
     def _pair(self, result: Result) -> tuple[RewardPair, dict[str, float]]:

@@ -5,13 +5,14 @@ The format is that of netconvert (https://sumo.dlr.de/docs/Networks/SUMO_Road_Ne
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
-from xml.etree.ElementTree import Element, ParseError, fromstring
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, ParseError, fromstring, tostring
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import read_text
 from socialiq.worlds import SUMO_NET
+from socialiq.worlds.sumo.allowed import NETWORK, copy_allowed
 
 NETS = {name: Path(__file__).parent / "nets" / f"{name}.net.xml" for name in ("crossing", "row")}
 """Networks that ship, by name."""
@@ -26,7 +28,7 @@ NETS = {name: Path(__file__).parent / "nets" / f"{name}.net.xml" for name in ("c
 CLASSES = {"vehicle": "passenger", "bicycle": "bicycle", "pedestrian": "pedestrian"}
 """Classes of road users: SUMO's name of each."""
 
-_LARGEST = 1 << 26  # bytes
+LARGEST = 1 << 26  # bytes
 MOST_ROUTES = 1000  # ways of an ego that are searched
 
 
@@ -45,18 +47,24 @@ class Network(NamedTuple):
     """Network of roads.
 
     Attributes:
-        file: Its file.
         edges: Edges by identity, without those within junctions.
         after: Edges that follow an edge, by class.
         junctions: Kind and position (m) of each junction at which edges meet.
         crossings: Number of crossings for pedestrians at each junction.
+        file: Its file.
+        sha256: Hash of the file's bytes, as they were read.
+        xml: What SUMO gets of the file (`allowed`).
+        left_out: What SUMO doesn't get of it: counts by name.
     """
 
-    file: Path
     edges: Mapping[str, Edge]
     after: Mapping[str, Mapping[str, list[str]]]
     junctions: Mapping[str, tuple[str, np.ndarray]]
     crossings: Mapping[str, int]
+    file: Path
+    sha256: str
+    xml: str
+    left_out: Counter[str]
 
     def ends(self, kind: str) -> tuple[list[str], list[str]]:
         """Return edges of a class on which it enters the network, and those on which it leaves."""
@@ -67,9 +75,11 @@ class Network(NamedTuple):
 
     def routes(self, kind: str = "vehicle") -> dict[tuple[str, str], list[str]]:
         """Return ways of fewest edges from the first to the last edge, never to the own arm."""
-        ways, (first, last) = dict[tuple[str, str], list[str]](), self.ends(kind)
+        ways = dict[tuple[str, str], list[str]]()
+        first, last = self.ends(kind)
         for begin in first:
-            before, waiting = {begin: ""}, deque([begin])
+            before = {begin: ""}
+            waiting = deque([begin])
             while waiting:
                 here = waiting.popleft()
                 for name in self.after[kind][here]:
@@ -99,7 +109,6 @@ class Network(NamedTuple):
         ]
 
 
-@lru_cache(maxsize=8)
 def read_network(net: str) -> Network:
     """Read a network: the name of one that ships, or a file.
 
@@ -112,9 +121,21 @@ def read_network(net: str) -> Network:
             f"unknown network '{one_line(net)}': choose one of {', '.join(NETS)}, or name a file "
             f"that ends in {SUMO_NET}, as netconvert writes it"
         )
-    root = root_of(file, "net", "run netconvert on it")
+    return _network(file, read_text(file, LARGEST))
+
+
+@lru_cache(maxsize=8)
+def _network(file: Path, text: str) -> Network:
+    left_out = Counter[str]()
+    root = copy_allowed(root_of(file, text, "net", "run netconvert on it"), NETWORK, left_out)
     try:
-        network = _network(file, root)
+        network = _read(
+            root,
+            file=file,
+            sha256=sha256_of_text(text),
+            xml=tostring(root, "unicode"),
+            left_out=left_out,
+        )
     except (KeyError, ValueError, IndexError) as error:
         raise UserError(
             f"{file} lacks {one_line(str(error))} somewhere: write it with netconvert again"
@@ -127,10 +148,20 @@ def read_network(net: str) -> Network:
     return network
 
 
-def root_of(file: Path, tag: str, remedy: str) -> Element:
-    """Return the first element of a file of XML; `UserError` with a remedy if it is another."""
+def root_of(file: Path, text: str, tag: str, remedy: str) -> Element:
+    """Return the first element of a file of XML.
+
+    Args:
+        file: The file, for messages.
+        text: Its content.
+        tag: Name that the first element must have.
+        remedy: What to do if it has another name.
+
+    Raises:
+        UserError: If the text is not XML, or the first element has another name.
+    """
     try:
-        root = fromstring(read_text(file, _LARGEST))
+        root = fromstring(text)
     except (ParseError, ValueError) as error:
         raise UserError(f"{file} is not XML: {one_line(str(error))}") from error
     if root.tag != tag:
@@ -138,11 +169,19 @@ def root_of(file: Path, tag: str, remedy: str) -> Element:
     return root
 
 
-def _network(file: Path, root: Element) -> Network:
-    edges, lanes = dict[str, Edge](), dict[tuple[str, str], frozenset[str]]()
+def sha256_of_text(text: str) -> str:
+    """Return the SHA-256 of the bytes of a file of UTF-8 text."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _read(root: Element, **origin: Any) -> Network:
+    """Return a network of its edges, followers, junctions and crossings, and of its source."""
+    edges = dict[str, Edge]()
+    lanes = dict[tuple[str, str], frozenset[str]]()
     crossings = dict[str, int]()
     for element in root.iter("edge"):
-        name, function = element.attrib["id"], element.get("function", "normal")
+        name = element.attrib["id"]
+        function = element.get("function", "normal")
         if function == "crossing":
             junction = name.rpartition("_")[0][1:]
             crossings[junction] = crossings.get(junction, 0) + 1
@@ -163,7 +202,8 @@ def _network(file: Path, root: Element) -> Network:
         )
     after = {kind: {name: list[str]() for name in edges} for kind in CLASSES}
     for link in root.iter("connection"):
-        source, target = link.attrib["from"], link.attrib["to"]
+        source = link.attrib["from"]
+        target = link.attrib["to"]
         if source in edges and target in edges and link.get("dir") != "t":
             ends = (source, link.attrib["fromLane"]), (target, link.attrib["toLane"])
             for kind in lanes[ends[0]] & lanes[ends[1]]:
@@ -173,7 +213,7 @@ def _network(file: Path, root: Element) -> Network:
         for element in root.iter("junction")
         if element.attrib["type"] not in ("internal", "dead_end")
     }
-    return Network(file, edges, after, junctions, crossings)
+    return Network(edges, after, junctions, crossings, **origin)
 
 
 def _place(junction: Element) -> np.ndarray:
@@ -181,7 +221,8 @@ def _place(junction: Element) -> np.ndarray:
 
 
 def _allowed(lane: Element) -> frozenset[str]:
-    allow, disallow = lane.get("allow", "").split(), lane.get("disallow", "").split()
+    allow = lane.get("allow", "").split()
+    disallow = lane.get("disallow", "").split()
     allowed = set(CLASSES) if not allow or "all" in allow else set[str]()
     allowed |= {kind for kind, name in CLASSES.items() if name in allow}
     refused = {kind for kind, name in CLASSES.items() if name in disallow or "all" in disallow}

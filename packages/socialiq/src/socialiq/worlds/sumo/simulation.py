@@ -34,13 +34,15 @@ SETTINGS = (
     "--step-length", "0.1", "--no-step-log", "--no-warnings", "--seed", "1",
     "--collision.action", "warn", "--collision.check-junctions", "--collision.mingap-factor", "0",
     "--time-to-teleport", "-1", "--pedestrian.striping.dawdling", "0", "--ignore-route-errors",
-    "--eager-insert",
+    "--eager-insert", "--xml-validation", "never", "--xml-validation.net", "never",
 )  # fmt: skip
-"""Settings of SUMO: nothing random, nothing teleported, contacts reported, and the ego
-enters at its time though others wait to enter on its edge."""
+"""Settings of SUMO: nothing random, nothing teleported, contacts reported, the ego enters at
+its time though others wait to enter on its edge, and no schema is fetched or read."""
 
-_CLEARED, _ARRIVED_AT = 20.0, 25.0  # m around the ego's entry, and along its last edge
-_OWN_SPEED, _SUMOS_SPEED = 0, 31  # speed modes: all checks of SUMO off, and all on
+_CLEARED = 20.0  # m around the ego's entry
+_ARRIVED_AT = 25.0  # m along the ego's last edge
+_OWN_SPEED = 0  # speed mode without any check of SUMO
+_SUMOS_SPEED = 31  # speed mode with all checks of SUMO
 _holder: list[Any] = []  # the episode that the process' simulation is at
 
 
@@ -71,7 +73,8 @@ class Moved(NamedTuple):
 
     def by_class(self) -> Float[np.ndarray, "class 3"]:
         """Return metres, hard brakings and seconds waited by class; pedestrians don't brake."""
-        sums, numbers = np.zeros((len(CLASSES), 3)), {kind: n for n, kind in enumerate(CLASSES)}
+        sums = np.zeros((len(CLASSES), 3))
+        numbers = {kind: n for n, kind in enumerate(CLASSES)}
         for name, metres in self.metres.items():
             kind = numbers[class_of(name)]
             brakes = kind != numbers["pedestrian"] and self.hardest[name] < HARD
@@ -116,7 +119,9 @@ class Episode:
     """
 
     def __init__(self, scene: Scene, seed: int) -> None:
-        self.scene, self.seed, self.sumo = scene, seed, library()
+        self.scene = scene
+        self.seed = seed
+        self.sumo = library()
         options = scene.options
         self.horizon = options.decisions(options.road)
         self.actions = list[int]()
@@ -131,12 +136,15 @@ class Episode:
 
     def _begin(self, with_ego: bool) -> None:
         """Play the traffic until the ego is there, or would be; its place is cleared."""
-        options, sumo = self.scene.options, self.sumo
+        options = self.scene.options
+        sumo = self.sumo
         _holder[:] = [self]
         with tempfile.TemporaryDirectory() as folder:
+            network = Path(folder) / "network.net.xml"
             routes = Path(folder) / "routes.rou.xml"
+            network.write_text(self.scene.network.xml)
             routes.write_text(self.scene.demand(self.seed, with_ego))
-            settings = ["-n", str(self.scene.network.file), "-r", str(routes), *SETTINGS]
+            settings = ["-n", str(network), "-r", str(routes), *SETTINGS]
             settings += ["--begin", str(self.scene.begin(self.seed))]
             try:
                 if sumo.isLoaded():
@@ -154,8 +162,11 @@ class Episode:
             ahead = sumo.vehicle.getLanePosition(name) - self.scene.front(self.seed)
             if abs(ahead) < _CLEARED and name != EGO:
                 sumo.vehicle.remove(name)
-        self._speeds, self._wrecks = dict[str, float](), dict[str, float]()
-        self.driven, self._target, self._advance = Counter(), 0.0, 0.0
+        self._speeds = dict[str, float]()
+        self._wrecks = dict[str, float]()
+        self.driven = Counter()
+        self._target = 0.0
+        self._advance = 0.0
         self._partner = ""
         self._step(Moved.none())
         if with_ego:
@@ -168,7 +179,8 @@ class Episode:
     def step(self, action: int) -> Result:
         """Take a decision: 0 slower, 1 idle, 2 faster."""
         if _holder[0] is not self:
-            taken, self.actions = self.actions, []
+            taken = self.actions
+            self.actions = []
             self._begin(with_ego=True)
             for earlier in taken:
                 self.step(earlier)
@@ -176,7 +188,8 @@ class Episode:
             self._target = self._next_speed(1 if action == FASTER else -1)
         moved, closest, contact = self._second(driving=True)
         self.actions.append(action)
-        now, before = len(self.actions), self._advance
+        now = len(self.actions)
+        before = self._advance
         if EGO in self._speeds:
             self._advance = self.sumo.vehicle.getDistance(EGO)
         ending = self._ending(contact)
@@ -199,8 +212,10 @@ class Episode:
 
     def _second(self, driving: bool = False) -> tuple[Moved, np.ndarray, Contact]:
         """Play a second; return what others did, the closest encounters, and the ego's contact."""
-        moved, closest = Moved.none(), np.zeros(len(CLASSES))
-        contact, numbers = Contact.NONE, {kind: n for n, kind in enumerate(CLASSES)}
+        moved = Moved.none()
+        closest = np.zeros(len(CLASSES))
+        contact = Contact.NONE
+        numbers = {kind: n for n, kind in enumerate(CLASSES)}
         for _ in range(STEPS):
             if driving and contact == Contact.NONE and EGO in self._speeds:
                 speed = self.sumo.vehicle.getSpeed(EGO)
@@ -218,7 +233,8 @@ class Episode:
 
     def _step(self, moved: Moved) -> None:
         """Play a step of SUMO and add what others did in it."""
-        sumo, before = self.sumo, self._speeds
+        sumo = self.sumo
+        before = self._speeds
         sumo.simulationStep()
         self._speeds = {name: sumo.vehicle.getSpeed(name) for name in sumo.vehicle.getIDList()}
         self._speeds |= {name: sumo.person.getSpeed(name) for name in sumo.person.getIDList()}
@@ -256,7 +272,8 @@ class Episode:
     def _ending(self, contact: Contact) -> Ending:
         if contact != Contact.NONE:
             return Ending.COLLISION
-        way, last = self.scene.way, self.scene.network.edges[self.scene.way[-1]]
+        way = self.scene.way
+        last = self.scene.network.edges[self.scene.way[-1]]
         if EGO not in self._speeds:
             return Ending.ARRIVAL
         on_last = self.sumo.vehicle.getRoadID(EGO) == way[-1]
@@ -283,7 +300,8 @@ class Episode:
 
     def _frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the middle of the junction that the ego is in or comes to, and its approach."""
-        network, way = self.scene.network, self.scene.way
+        network = self.scene.network
+        way = self.scene.way
         index = min(self.sumo.vehicle.getRouteIndex(EGO), len(way) - 2)
         edge = network.edges[way[max(index, 0)]]
         begin, end = edge.tail
@@ -298,15 +316,19 @@ class Episode:
         if EGO not in self._speeds:
             return self.bodies
         centre, north = self._frame()
-        (cx, cy), (nx, ny) = centre.tolist(), north.tolist()
+        cx, cy = centre.tolist()
+        nx, ny = north.tolist()
 
         def body(domain: Any, name: str, behind: float) -> Body:
             angle = math.radians(domain.getAngle(name))  # clockwise from SUMO's north
-            hx, hy = math.sin(angle), math.cos(angle)
+            hx = math.sin(angle)
+            hy = math.cos(angle)
             x, y = domain.getPosition(name)
-            x, y = x - cx - behind * hx, y - cy - behind * hy
+            x = x - cx - behind * hx
+            y = y - cy - behind * hy
             along = hx * ny - hy * nx, -(hx * nx + hy * ny)
-            heading, speed = math.atan2(along[1], along[0]), self._speeds[name]
+            heading = math.atan2(along[1], along[0])
+            speed = self._speeds[name]
             return Body(x * ny - y * nx, -(x * nx + y * ny), heading, speed, *along, name)
 
         vehicles = [name for name in self.sumo.vehicle.getIDList() if name != EGO]
@@ -321,6 +343,6 @@ class Episode:
         visible = [body for body in self.bodies if class_of(body.name) != "pedestrian"]
         ego = visible[0]
         along = [body.x * ego.along_x + body.y * ego.along_y for body in visible]
-        view = along, 0.0, SIGHT.view(np.recarray)[0], 0, len(rows)
+        view = along, 0.0, SIGHT.view(np.recarray)[0], (1.0, 0.0), len(rows)
         observe(visible, len(visible), 0, view, rows)
         return rows.ravel()

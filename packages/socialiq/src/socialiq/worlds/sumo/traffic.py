@@ -67,8 +67,10 @@ class SumoOptions(EffectOptions):
 
 EGO = "ego"
 _FROM_JUNCTION = 35.0  # m, mean of the ego's front, as at the intersection; sd 5 m
-_LENGTH, _SPEED = 5.0, 10.0  # m, m/s of the ego
-_NEAREST_DOOR, _DOORS = 5.0, 30.0  # m from a junction to where pedestrians come from, and beyond
+_LENGTH = 5.0  # m, of the ego
+_SPEED = 10.0  # m/s, of the ego
+_NEAREST_DOOR = 5.0  # m from a junction to the nearest place where pedestrians start
+_DOORS = 30.0  # m along which these places lie
 _FOLLOWING = {
     "Krauss": "",
     # The drivers of highway-env: T 1.5 s, 7 m between centres, 6 and 3 m/s², exponent 4.
@@ -84,7 +86,8 @@ class Scene:
     """
 
     def __init__(self, options: SumoOptions) -> None:
-        self.options, self.network = options, read_network(options.net)
+        self.options = options
+        self.network = read_network(options.net)
         self.user_demand = read_demand(options.demand) if options.demand else None
         self.seconds = options.warm_up + options.decisions(options.road)
         self.pairs = {kind: list(self.network.routes(kind)) for kind in CLASSES}
@@ -108,7 +111,8 @@ class Scene:
     def _turn(self, way: list[str]) -> tuple[float, int, float]:
         """Return the sine of the angle to the left of a way, how little it may claim, and north."""
         (a, b), (c, d) = (self.network.edges[way[end]].tail for end in (0, -1))
-        first, last = (b - a) / np.hypot(*(b - a)), (d - c) / np.hypot(*(d - c))
+        first = (b - a) / np.hypot(*(b - a))
+        last = (d - c) / np.hypot(*(d - c))
         sine = round(float(first[0] * last[1] - first[1] * last[0]), 6)
         return sine, -self.network.edges[way[0]].priority, float(first[1])
 
@@ -128,15 +132,19 @@ class Scene:
         Each class has a random stream of its own, and each second draws the same numbers, so the
         rate of a class doesn't move another's departures. No type has a random part.
         """
-        begin, options = self.begin(seed), self.options
+        begin = self.begin(seed)
+        options = self.options
         departures = self.user_demand.within(begin, self.seconds) if self.user_demand else []
         seconds = 0 if self.user_demand else int(np.ceil(self.seconds))
         for number, (kind, pairs) in enumerate(self.pairs.items()):
-            stream, rate = np.random.default_rng([seed, number]), getattr(options, f"{kind}_rate")
+            stream = np.random.default_rng([seed, number])
+            rate = getattr(options, f"{kind}_rate")
             for second in range(seconds if pairs else 0):
-                count, draws = stream.poisson(rate), stream.random((int(MOST_RATE), 4))
+                count = stream.poisson(rate)
+                draws = stream.random((int(MOST_RATE), 4))
                 for place, (when, where, *rest) in enumerate(draws[:count]):
-                    at, ends = second + round(when, 1), pairs[int(where * len(pairs))]
+                    at = second + round(when, 1)
+                    ends = pairs[int(where * len(pairs))]
                     name = f"{kind}{second}.{place}"
                     departures.append((at, self._departure(kind, name, at, ends, *rest)))
         if with_ego:
@@ -150,7 +158,8 @@ class Scene:
         return "\n".join(["<routes>", *self._types(), *lines, "</routes>"])
 
     def _types(self) -> list[str]:
-        fixed, following = 'sigma="0" speedDev="0"', self.options.following
+        fixed = 'sigma="0" speedDev="0"'
+        following = self.options.following
         car = f'vClass="passenger" length="{_LENGTH:g}" width="2" {fixed} '
         car += f'carFollowModel="{following}"{_FOLLOWING[following]}'
         return [

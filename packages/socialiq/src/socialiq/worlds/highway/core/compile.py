@@ -21,22 +21,27 @@ from numba.core import config
 
 from socialiq import physics
 from socialiq.errors import UserError
+from socialiq.worlds import road_users
 
 NOTICE = "compiling the roads for this machine, once"
 
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
 # Beside a folder of kernels, which read these.
-_TABLES = ("effects", "network", "options", "scenes", "idm")
+_TABLES = ("effects", "network", "options", "scenes", "crossings", "idm")
 
 
 def kernel(function: Callable[..., Any], allocates: bool = False) -> Any:
     """Make a function callable from compiled code.
 
-    Division follows IEEE 754 instead of raising, and no rewriting of arithmetic is allowed:
-    the order of operations is that of highway-env, so the last bit is too. The function gets
-    no wrapper for Python, which would be a third of the compilation; see `for_python`. Who makes
+    Division follows IEEE 754 instead of raising, and no rewriting of arithmetic is allowed: the
+    order of operations is that of highway-env, so the last bit is too. The function gets no wrapper
+    for Python, which would be a third of the compilation; see `for_python`. A function that makes
     an array is an `allocating_kernel`.
+
+    Args:
+        function: Function to compile.
+        allocates: Whether the compiled code counts references, as code that makes arrays must.
     """
     options = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     options["_nrt"] = allocates  # Numba's counts of references
@@ -77,7 +82,10 @@ def elementwise(function: Callable[..., Any]) -> Any:
 def entry_point(function: Callable[..., Any], allocates: bool = False) -> Any:
     """Compile a function that is called from Python without the GIL, and cache it on disk.
 
-    Its last two arguments are the first row of its part and the end of it; see `run_in_parts`.
+    Args:
+        function: Function whose last two arguments are the first row of its part and the end of it;
+            see `run_in_parts`.
+        allocates: Whether the compiled code counts references, as code that makes arrays must.
     """
     # Numba's own threads (parallel=True) would compile every kernel below a second time.
     options = {"error_model": "numpy", "nogil": True, "cache": True, "_nrt": allocates}
@@ -90,11 +98,17 @@ def allocating_entry_point(function: Callable[..., Any]) -> Any:
 
 
 def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
-    """Call an entry point on equal parts of the rows, each on a thread of its own; 0 takes all.
+    """Call an entry point on equal parts of the rows, each on a separate thread.
 
     Compilation that takes more than a moment is announced on standard error; code that is in the
     cache loads in less. Only whole lines are written, each at once, so that a progress bar stays
     below them. Garbage collection, a tenth of the time, waits.
+
+    Args:
+        run: Entry point.
+        threads: Number of threads; 0 takes all.
+        rows: Number of rows.
+        *arguments: Arguments of the entry point before the two for the part.
 
     Raises:
         UserError: If there are fewer threads.
@@ -105,7 +119,8 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
     count = min(threads or available, max(rows, 1))
     ends = [rows * interval // count for interval in range(count + 1)]
     if run not in _CALLED:  # not by `run.signatures`, which hashes all types at every call
-        begun, collecting = time.monotonic(), gc.isenabled()
+        begun = time.monotonic()
+        collecting = gc.isenabled()
         notice = threading.Timer(_MOMENT, lambda: sys.stderr.write(f"{NOTICE}\n"))
         notice.daemon = True
         notice.start()
@@ -137,6 +152,7 @@ def fingerprint(*files: str) -> int:
     beyond the shared kernels: all files of their folders count, and the tables above.
     """
     digest = hashlib.sha256(Path(physics.__file__).read_bytes())
+    digest.update(Path(road_users.__file__).read_bytes())
     for folder in sorted({Path(name).parent for name in (__file__, *files)}):
         tables = (folder.parent / f"{name}.py" for name in _TABLES)
         for path in (*sorted(folder.glob("*.py")), *filter(Path.exists, tables)):

@@ -1,213 +1,289 @@
-"""Drivers of scenes: their entry, the Intelligent Driver Model, MOBIL, and the ego's commands."""
+"""Drivers on any road: their way and leader, the Intelligent Driver Model, MOBIL, an agent's steps.
+
+Tables of the road are those of `scenes.Road`.
+"""
 
 import math
 
-from socialiq.worlds.highway.core import geometry, stream
+from socialiq.worlds.highway.core import geometry
 from socialiq.worlds.highway.core import vehicle as motion
-from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal
 from socialiq.worlds.highway.core.vehicle import MAX_ACCELERATION, clip
-from socialiq.worlds.highway.scenes import FASTER, LANE_LEFT, LANE_RIGHT, NORMAL, SLOWER, UNIFORM
+from socialiq.worlds.highway.network import EXIT, LANE_WIDTH
 
 CHANGE_EVERY = 1.0  # s
 LEAST_GAIN = 0.2  # m/s², of a lane change
 MOST_IMPOSED = 2.0  # m/s², braking of the vehicle behind
 LEAST_SPEED = 1.0  # m/s, to change lanes at
-TIME_HEADWAY = 1.5  # s
-JAM_DISTANCE = 10.0  # m
-ACCELERATION = 3.0  # m/s²
-DECELERATION = 5.0  # m/s²
-EXPONENT = 4.0
+ROLLING = 2.0  # m/s, of drivers at the line of an all-way stop
+_SIDE = LANE_WIDTH / 2 + 1.0  # m from the middle of a lane to who counts as on it
 
 
-@kernel
-def reset(episode, cars, road, settings):
-    """Start an episode from the current state of the stream.
+@inlined_kernel
+def follow_road(vehicle, road):
+    """Select the next lane from 2.5 m before the end of the target lane.
 
-    Of each vehicle are drawn, in highway-env's order: lane, place, speed, destination, driver.
+    Args:
+        vehicle: Record of the vehicle.
+        road: Tables of the road.
     """
-    episode.time, episode.sub_steps = 0.0, 0
-    episode.vehicles = len(road.entries)
-    for slot in range(len(road.entries)):
-        car, entry = cars[slot], road.entries[slot]
-        car.identity = slot
-        number = entry.lane + 0
-        if entry.lanes > 1:
-            number += stream.up_to(episode, entry.lanes - 1)
-        lane = road.lanes[number]
-        along = entry.along + _spread(episode, entry.spread, entry.along_spread)
-        speed = entry.speed + _spread(episode, entry.spread, entry.speed_spread)
-        x, y = geometry.position(lane, along)
-        _stand(car, x, y, geometry.heading_at(lane, along), speed, road)
-        car.target_speed = entry.target_speed if entry.target_speed > 0 else speed
-        car.timer = ((x + y) * math.pi) % CHANGE_EVERY
-        car.time_headway, car.jam_distance = TIME_HEADWAY, JAM_DISTANCE
-        car.max_acceleration, car.comfort_deceleration = ACCELERATION, DECELERATION
-        car.exponent = EXPONENT
-        car.route, car.destination, car.leg = -1, 0, 0
-        if entry.destination >= 0:
-            car.route = road.lanes[car.lane].road
-            car.destination = entry.destination + stream.up_to(episode, entry.destinations - 1)
-        if entry.exponent:
-            car.exponent = 3.5 + 1.0 * stream.uniform(episode)
-    for number in range(settings.agents):
-        car = cars[number]
-        car.agent, car.exponent, episode.controlled[number] = number, EXPONENT, number
-        car.target_speed = settings.target_speeds[motion.speed_index(car.speed, settings)]
-    for number in range(len(road.obstacles)):
-        obstacle = cars[len(road.entries) + number]
-        obstacle.identity = len(road.entries) + number
-        _stand(obstacle, road.obstacles[number, 0], road.obstacles[number, 1], 0.0, 0.0, road)
-        obstacle.obstacle = True
+    lane = road.lanes[vehicle.target_lane]
+    if longitudinal(lane, vehicle.x, vehicle.y) > lane.length - VEHICLE_LENGTH / 2:
+        following = geometry.following(vehicle, road.lanes, road.routes, road.successors)
+        vehicle.target_lane = following
 
 
 @kernel
-def _spread(episode, kind, size):
-    if kind == UNIFORM:
-        return -size + (size - -size) * stream.uniform(episode)
-    if kind == NORMAL:
-        return stream.normal(episode) * size
-    return 0.0
+def _neighbours(vehicles, records, me, lane, tie):
+    """Return the slots of the nearest vehicles or obstacles ahead and behind on a lane, or -1.
 
-
-@kernel
-def _stand(car, x, y, heading, speed, road):
-    car.x, car.y, car.heading, car.speed = x, y, heading, speed
-    car.along_x, car.along_y = math.cos(heading), math.sin(heading)
-    car.steering, car.acceleration, car.target_speed = 0.0, 0.0, speed
-    car.push_x, car.push_y = 0.0, 0.0
-    car.lane = geometry.closest_lane(road.lanes, x, y, heading, 0)
-    car.target_lane = car.lane
-    car.obstacle, car.crashed, car.pushed, car.agent = False, False, False, -1
-
-
-@kernel
-def _follow_road(car, road):
-    """Select the next lane from 2.5 m before the end of the target lane."""
-    lane = road.lanes[car.target_lane]
-    if longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2:
-        car.target_lane = geometry.following(car, road)
-
-
-@kernel
-def _neighbours(cars, me, number, lanes):
-    """Return the slots of the nearest vehicles or obstacles ahead and behind on a lane, or -1."""
-    lane = lanes[number]
-    here = longitudinal(lane, cars[me].x, cars[me].y)
-    front, rear, ahead, behind = -1, -1, math.inf, -math.inf
-    for slot in range(len(cars)):
-        x, y = cars[slot].x, cars[slot].y
-        if slot == me or not geometry.on_lane(lane, x, y, 1.0):
+    Of equals ahead the last one is returned.
+    """
+    here = longitudinal(lane, vehicles[me].x, vehicles[me].y)
+    front = -1
+    rear = -1
+    ahead = math.inf
+    behind = -math.inf
+    for slot in range(records):
+        x = vehicles[slot].x
+        y = vehicles[slot].y
+        if slot == me or abs(geometry.lateral(lane, x, y)) > _SIDE:
             continue
         along = longitudinal(lane, x, y)
-        if here <= along <= ahead:
-            front, ahead = slot, along
+        if not -VEHICLE_LENGTH <= along < lane.length + VEHICLE_LENGTH:
+            continue
+        if here <= along <= ahead + tie:
+            front = slot
+            ahead = along
         if behind < along < here:
-            rear, behind = slot, along
+            rear = slot
+            behind = along
     return front, rear
 
 
 @kernel
-def _acceleration(cars, slot, front, exponent, lanes):
-    """Return the acceleration of the Intelligent Driver Model, m/s²; 0 of none or an obstacle.
+def _connected_leader(vehicles, records, me, lanes, connections, tie):
+    """Return the slot of the nearest leader on a lane or on those after and before it, or -1."""
+    here = longitudinal(lanes[connections[0].lane], vehicles[me].x, vehicles[me].y)
+    front = -1
+    ahead = math.inf
+    for slot in range(records):
+        x = vehicles[slot].x
+        y = vehicles[slot].y
+        for connection in connections:
+            if slot == me or connection.lane < 0:
+                break
+            lane = lanes[connection.lane]
+            if geometry.on_lane(lane, x, y, 1.0):
+                along = longitudinal(lane, x, y) + connection.offset
+                if here <= along <= ahead + tie:
+                    front = slot
+                    ahead = along
+                break
+    return front
 
-    A driver attributes the exponent of its own free-road term to others.
+
+@inlined_kernel
+def _leader(vehicles, records, me, number, road, settings):
+    """Return the slot of the leader on a lane, or with `connected_lanes` beyond its ends too."""
+    if settings.connected_lanes:
+        connections = road.connected[number]
+        return _connected_leader(vehicles, records, me, road.lanes, connections, settings.tie)
+    front, _ = _neighbours(vehicles, records, me, road.lanes[number], settings.tie)
+    return front
+
+
+@kernel
+def _acceleration(vehicles, slot, front, exponent, lanes):
+    """Return the acceleration of the Intelligent Driver Model, m/s².
+
+    It is 0 without a vehicle (slot -1), and for an obstacle. A driver attributes the exponent of
+    its free-road term to others. The gap is measured along the closest lane, also to a leader on
+    the target lane.
     """
-    if slot < 0 or cars[slot].obstacle:
+    if slot < 0 or vehicles[slot].obstacle:
         return 0.0
-    car = cars[slot]
-    lane = lanes[car.lane]
-    free = motion.free_acceleration(car, lane.speed_limit, exponent)
-    return free if front < 0 else free - motion.braking_for(car, cars[front], lane)
+    vehicle = vehicles[slot]
+    lane = lanes[vehicle.lane]
+    limit = lane.speed_limit
+    if lane.slow_from < math.inf and longitudinal(lane, vehicle.x, vehicle.y) > lane.slow_from:
+        limit = ROLLING
+    free = motion.free_acceleration(vehicle, limit, exponent)
+    return free if front < 0 else free - motion.braking_for(vehicle, vehicles[front], lane)
+
+
+@inlined_kernel
+def drive(vehicles, records, me, road, settings):
+    """Set a driver's steering and acceleration for a sub-step.
+
+    Args:
+        vehicles: Records of vehicles and obstacles.
+        records: Number of records.
+        me: Slot of the driver; one that has crashed is left as it is.
+        road: Tables of the road.
+        settings: SETTINGS record.
+    """
+    vehicle = vehicles[me]
+    if not vehicle.crashed:
+        lanes = road.lanes
+        follow_road(vehicle, road)
+        if vehicle.changes:
+            _change_lane(vehicles, records, me, lanes, settings.tie)
+        lane = vehicle.lane
+        target = vehicle.target_lane
+        vehicle.steering = motion.steering(vehicle, lanes[target])
+        front = _leader(vehicles, records, me, lane, road, settings)
+        rate = _acceleration(vehicles, me, front, vehicle.exponent, lanes)
+        if lane != target:
+            front = _leader(vehicles, records, me, target, road, settings)
+            rate = min(rate, _acceleration(vehicles, me, front, vehicle.exponent, lanes))
+        vehicle.acceleration = clip(rate, -MAX_ACCELERATION, MAX_ACCELERATION)
 
 
 @kernel
-def drive(cars, count, me, road):
-    """Set a driver's steering and acceleration for a sub-step."""
-    car = cars[me]
-    if car.crashed:
-        return
-    lanes = road.lanes
-    _follow_road(car, road)
-    if road.entries[me].changes:
-        _change_lane(cars, count, me, lanes)
-    car.steering = motion.steering(car, lanes[car.target_lane])
-    front, _ = _neighbours(cars, me, car.lane, lanes)
-    rate = _acceleration(cars, me, front, car.exponent, lanes)
-    if car.lane != car.target_lane:
-        front, _ = _neighbours(cars, me, car.target_lane, lanes)
-        rate = min(rate, _acceleration(cars, me, front, car.exponent, lanes))
-    car.acceleration = clip(rate, -MAX_ACCELERATION, MAX_ACCELERATION)
-
-
-@kernel
-def _change_lane(cars, count, me, lanes):
+def _change_lane(vehicles, records, me, lanes, tie):
     """Begin a lane change, at most once a second, or give one up that another makes too.
 
     A change is given up if a vehicle close ahead changes to the same lane.
     """
-    car = cars[me]
-    lane = lanes[car.lane]
-    if car.lane != car.target_lane:
-        if lane.road != lanes[car.target_lane].road:
+    vehicle = vehicles[me]
+    lane = lanes[vehicle.lane]
+    if vehicle.lane != vehicle.target_lane:
+        if lane.road != lanes[vehicle.target_lane].road:
             return
-        for slot in range(count):
-            neighbour = cars[slot]
-            same = neighbour.target_lane == car.target_lane and neighbour.lane != car.target_lane
-            if slot == me or not same:
+        here = longitudinal(lane, vehicle.x, vehicle.y)
+        for slot in range(records):
+            other = vehicles[slot]
+            same = other.target_lane == vehicle.target_lane and other.lane != vehicle.target_lane
+            if slot == me or other.obstacle or not same:
                 continue
-            gap = longitudinal(lane, neighbour.x, neighbour.y) - longitudinal(lane, car.x, car.y)
-            if 0 < gap < motion.desired_gap(car, neighbour):
-                car.target_lane = car.lane
+            gap = longitudinal(lane, other.x, other.y) - here
+            if 0 < gap < motion.desired_gap(vehicle, other):
+                vehicle.target_lane = vehicle.lane
                 return
         return
-    if not car.timer > CHANGE_EVERY:
+    if not vehicle.timer > CHANGE_EVERY:
         return
-    car.timer = 0.0
-    here = car.lane + 0
+    vehicle.timer = 0.0
+    here_on = vehicle.lane + 0
     for side in (-1, 1):
         number = lane.number + side
         if not 0 <= number < lane.lanes:
             continue
         candidate = lane.first + number
-        if not geometry.reachable(lanes[candidate], car.x, car.y) or abs(car.speed) < LEAST_SPEED:
+        reachable = geometry.reachable(lanes[candidate], vehicle.x, vehicle.y)
+        if not reachable or abs(vehicle.speed) < LEAST_SPEED:
             continue
-        if _worthwhile(cars, me, here, candidate, lanes):
-            car.target_lane = candidate
+        if _worthwhile(vehicles, records, me, here_on, candidate, lanes, tie):
+            vehicle.target_lane = candidate
 
 
 @kernel
-def _worthwhile(cars, me, here, candidate, lanes):
+def _worthwhile(vehicles, records, me, here, candidate, lanes, tie):
     """Whether MOBIL (Kesting et al. 2007) recommends a lane, without politeness."""
-    car = cars[me]
-    front, rear = _neighbours(cars, me, candidate, lanes)
-    if _acceleration(cars, rear, me, car.exponent, lanes) < -MOST_IMPOSED:
+    vehicle = vehicles[me]
+    front, rear = _neighbours(vehicles, records, me, lanes[candidate], tie)
+    if _acceleration(vehicles, rear, me, vehicle.exponent, lanes) < -MOST_IMPOSED:
         return False
-    after = _acceleration(cars, me, front, car.exponent, lanes)
-    if car.route >= 0 and car.leg == 0:  # its way prescribes the lane on which it began
+    after = _acceleration(vehicles, me, front, vehicle.exponent, lanes)
+    if vehicle.route >= 0 and vehicle.leg == 0:  # its way prescribes the lane on which it began
         return False
-    front, _ = _neighbours(cars, me, here, lanes)
-    return not after - _acceleration(cars, me, front, car.exponent, lanes) < LEAST_GAIN
+    front, _ = _neighbours(vehicles, records, me, lanes[here], tie)
+    return not after - _acceleration(vehicles, me, front, vehicle.exponent, lanes) < LEAST_GAIN
 
 
 @kernel
-def choose(car, action, road, settings):
-    """Carry out an agent's action: a target lane or a target speed."""
-    _follow_road(car, road)
-    if action in (FASTER, SLOWER):
-        level = motion.speed_index(car.speed, settings) + (1 if action == FASTER else -1)
-        car.target_speed = settings.target_speeds[clip(level, 0, settings.n_speeds - 1)]
-    elif action in (LANE_LEFT, LANE_RIGHT):
-        lane = road.lanes[car.target_lane]
-        number = lane.number + (1 if action == LANE_RIGHT else -1)
-        beside = lane.first + clip(number, 0, lane.lanes - 1)
-        if geometry.reachable(road.lanes[beside], car.x, car.y):
-            car.target_lane = beside
+def choose(vehicle, action, road, settings):
+    """Carry out an agent's action: a target lane or a target speed.
+
+    Args:
+        vehicle: Record of the agent's vehicle; with continuous actions it is left as it is.
+        action: Number of the action, a row of the road's table of actions.
+        road: Tables of the road.
+        settings: SETTINGS record.
+    """
+    if settings.continuous:
+        return
+    follow_road(vehicle, road)
+    faster = road.actions[action, 0]
+    aside = road.actions[action, 1]
+    if faster != 0:
+        level = motion.speed_index(vehicle.speed, settings) + faster
+        vehicle.target_speed = settings.target_speeds[clip(level, 0, settings.n_speeds - 1)]
+    if aside != 0:
+        lane = road.lanes[vehicle.target_lane]
+        beside = lane.first + clip(lane.number + aside, 0, lane.lanes - 1)
+        if geometry.reachable(road.lanes[beside], vehicle.x, vehicle.y):
+            vehicle.target_lane = beside
+
+
+@inlined_kernel
+def control(vehicle, road):
+    """Set an agent's steering and an unbounded proportional acceleration for a sub-step.
+
+    Args:
+        vehicle: Record of the agent's vehicle.
+        road: Tables of the road.
+    """
+    follow_road(vehicle, road)
+    vehicle.steering = motion.steering(vehicle, road.lanes[vehicle.target_lane])
+    vehicle.acceleration = motion.SPEED_GAIN * (vehicle.target_speed - vehicle.speed)
 
 
 @kernel
-def control(car, road):
-    """Set an agent's steering and an unbounded proportional acceleration for a sub-step."""
-    _follow_road(car, road)
-    car.steering = motion.steering(car, road.lanes[car.target_lane])
-    car.acceleration = motion.SPEED_GAIN * (car.target_speed - car.speed)
+def arrived(vehicle, road):
+    """Whether a vehicle has arrived: it is far enough along an exit.
+
+    Args:
+        vehicle: Record of the vehicle.
+        road: Tables of the road.
+    """
+    lane = road.lanes[vehicle.lane]
+    if lane.kind != EXIT:
+        return False
+    return longitudinal(lane, vehicle.x, vehicle.y) > road.sight[0].arrival
+
+
+@kernel
+def coordinate(vehicle, road):
+    """Return the metres of a vehicle along its route, or along the ego's way by the road's table.
+
+    On another road than those of the ego's way the result is NaN.
+
+    Args:
+        vehicle: Record of the vehicle.
+        road: Tables of the road.
+    """
+    if road.sight[0].by_route:
+        return route_coordinate(vehicle, road.lanes, road.routes)
+    lane = road.lanes[vehicle.target_lane]
+    along = longitudinal(lane, vehicle.x, vehicle.y)
+    return lane.before + along * (road.lanes[lane.first].length / lane.length)
+
+
+@kernel
+def route_coordinate(vehicle, lanes, routes):
+    """Return the metres from the start of a vehicle's route, along its roads' first lanes.
+
+    The vehicle is on the first road, from the last one that it has completed on, whose end it has
+    not passed. Roads that it has left are not looked at: a circle leads back to them.
+
+    Args:
+        vehicle: Record of the vehicle.
+        lanes: Records of the lanes.
+        routes: Table of ways, as of `scenes.Road`.
+    """
+    way = routes[vehicle.route, vehicle.destination]
+    last = 0
+    while last < len(way) - 1 and way[last + 1] >= 0:
+        last += 1
+    passed = 0.0
+    for leg in range(last):
+        lane = lanes[way[leg]]
+        if leg >= vehicle.leg - 1:
+            along = longitudinal(lane, vehicle.x, vehicle.y)
+            if along <= lane.length:
+                return passed + max(along, 0.0)
+        passed += lane.length
+    return passed + max(longitudinal(lanes[way[last]], vehicle.x, vehicle.y), 0.0)

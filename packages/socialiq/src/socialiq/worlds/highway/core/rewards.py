@@ -1,7 +1,8 @@
 """Reward pair of thesis 4.1: influence zone, and named signals of a decision, weighted and summed.
 
-Nothing here depends on a road. Quantities of a road (the advance along the route, the zone, which
-neighbours count) are arguments, so the same code rewards simulated roads and recorded traffic.
+This module does not depend on a road. Quantities of a road (the advance along the route, the zone,
+which neighbours count) are arguments, so the same code rewards simulated roads and recorded
+traffic.
 """
 
 from typing import get_args
@@ -23,8 +24,12 @@ _ALL, _CROSS, _APPROACHING = range(len(get_args(Counted)))
 def in_zone(kind, along, length, travelled, settings):
     """Whether the ego is in the influence zone: the end of its approach, or the junction.
 
-    Kind, coordinate and length, m, are those of its lane; it has travelled so many metres along its
-    route since the episode began.
+    Args:
+        kind: Kind of the ego's lane: APPROACH, EXIT, or another.
+        along: Coordinate of the ego along its lane, m.
+        length: Length of this lane, m.
+        travelled: Metres along its route since the episode began.
+        settings: SETTINGS record.
     """
     if kind == EXIT:
         return False
@@ -41,10 +46,13 @@ def in_zone(kind, along, length, travelled, settings):
 
 @kernel
 def counts(apart, same_origin, kind, settings):
-    """Whether a neighbour is within the conflict distance and of the kind that counts.
+    """Whether a neighbour is within the conflict distance and counts by the option `counted`.
 
-    It is so far from the ego, m, and may have entered by the ego's approach; the kind is of its
-    target lane: APPROACH, EXIT, or another.
+    Args:
+        apart: Its distance from the ego, m.
+        same_origin: Whether it entered by the ego's approach.
+        kind: Kind of its target lane: APPROACH, EXIT, or another.
+        settings: SETTINGS record.
     """
     if apart > settings.conflict_distance:
         return False
@@ -55,7 +63,8 @@ def counts(apart, same_origin, kind, settings):
     return settings.counted == _CROSS or kind == APPROACH
 
 
-_N_ENV, _N_SIGNALS = len(ENV_SIGNALS), len(SIGNALS)
+_N_ENV = len(ENV_SIGNALS)
+_N_SIGNALS = len(SIGNALS)
 _DEAD_ZONE, _LITERAL = range(len(get_args(Disruption)))
 _OVERRIDE, _ADD = range(len(get_args(Crash)))
 _PROGRESS, _SPEED, _STEP, _COLLISION, _ARRIVAL, _TIMEOUT = range(_N_ENV)
@@ -66,7 +75,17 @@ _NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = map(int, _ENDINGS)
 
 @kernel
 def ending_of(crashed, left, arrived, out_of_time):
-    """Return the ending of the episode at this snapshot; of several, the first in this order."""
+    """Return the ending of the episode at this snapshot; of several, the first in this order.
+
+    Args:
+        crashed: Whether the ego has crashed.
+        left: Whether it is off the road and that ends the episode.
+        arrived: Whether it has arrived.
+        out_of_time: Whether the time is over.
+
+    Returns:
+        Value of `Ending`.
+    """
     if crashed:
         return _COLLIDED
     if left:
@@ -80,9 +99,16 @@ def ending_of(crashed, left, arrived, out_of_time):
 def env_signals(advance, on_road, speed, ending, settings, signals):
     """Write the signals of r_env (Eq 4.1).
 
-    Collision and arrival replace the other signals of the step; a timeout adds to them. To leave
-    the road, where that ends the episode, costs as a collision. The ego advanced so many metres
-    along its route; speed, m/s, and whether it is on the road are of the time after the decision.
+    Collision and arrival replace all further signals of the step; a timeout adds to them. To leave
+    the road, where that ends the episode, costs as a collision.
+
+    Args:
+        advance: Metres that the ego advanced along its route.
+        on_road: Whether it is on the road after the decision.
+        speed: Its speed after the decision, m/s.
+        ending: Value of `Ending`.
+        settings: SETTINGS record.
+        signals: Signals in the order of `SIGNALS`, unweighted; those of r_env are written.
     """
     signals[:_N_ENV] = 0.0
     if ending in (_COLLIDED, _LEFT):
@@ -102,8 +128,15 @@ def env_signals(advance, on_road, speed, ending, settings, signals):
 def social_signals(speed, within, counted, lost, ending, settings, signals, braking):
     """Write the signals of r_social (Eq 4.2), 0 where the ego is not within the influence zone.
 
-    By slot are given whether the vehicle is a neighbour that counts, and its loss of speed, m/s;
-    written is whether that was charged to the ego.
+    Args:
+        speed: The ego's speed after the decision, m/s.
+        within: Whether the ego is within the influence zone.
+        counted: Whether the vehicle of each slot is a neighbour that counts.
+        lost: Loss of speed of the vehicle of each slot, m/s.
+        ending: Value of `Ending`.
+        settings: SETTINGS record.
+        signals: Signals in the order of `SIGNALS`, unweighted; those of r_social are written.
+        braking: Whether the loss of each slot was charged to the ego, which is written.
     """
     braking[:] = False
     signals[_N_ENV:] = 0.0
@@ -117,7 +150,8 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
     for slot in range(len(counted)):
         if counted[slot]:
             neighbours += 1
-            loss, share = lost[slot], 0.0
+            loss = lost[slot]
+            share = 0.0
             if settings.disruption == _LITERAL:
                 loss = max(loss, settings.speed_threshold)
             if settings.disruption == _LITERAL or loss > settings.speed_threshold:
@@ -129,8 +163,14 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
 
 @kernel
 def pair(signals, settings):
-    """Return r_env and r_social, each the weighted sum of its signals."""
-    r_env, r_social = 0.0, 0.0
+    """Return r_env and r_social, each the weighted sum of its signals.
+
+    Args:
+        signals: Signals in the order of `SIGNALS`, unweighted.
+        settings: SETTINGS record with the weights.
+    """
+    r_env = 0.0
+    r_social = 0.0
     for number in range(_N_ENV):
         r_env += settings.weights[number] * signals[number]
     for number in range(_N_ENV, _N_SIGNALS):
@@ -143,12 +183,23 @@ def classical(before, after, on_road, count, ego, settings):
     """Return the rewards of the classical formulation (thesis A.1): ego and neighbours' mean.
 
     Each vehicle is rewarded by Eq 4.1 without arrival and timeout; a new collision replaces the
-    step's reward. A snapshot has the vehicles at a decision (before) or after its sub-steps
-    (after), before clearing and spawning, so a vehicle has the same slot in both.
+    step's reward. A vehicle has the same slot in both snapshots, which are taken before clearing
+    and spawning.
+
+    Args:
+        before: Vehicles at the decision.
+        after: Vehicles after its sub-steps.
+        on_road: Whether the vehicle of each slot is on the road after them.
+        count: Number of vehicles.
+        ego: Slot of the ego.
+        settings: SETTINGS record.
     """
-    ego_reward, neighbours, weights = 0.0, 0.0, settings.weights
+    ego_reward = 0.0
+    neighbours = 0.0
+    weights = settings.weights
     for slot in range(count):
-        vehicle, reward = after[slot], weights[_COLLISION]
+        vehicle = after[slot]
+        reward = weights[_COLLISION]
         if not vehicle.crashed or before[slot].crashed:
             reward = 0.0
             if on_road[slot]:
@@ -166,7 +217,15 @@ def classical(before, after, on_road, count, ego, settings):
 
 @kernel
 def neighbours_collided(before, after, count, ego, touched):
-    """Count vehicles that crashed in this decision, except the ego and the vehicle it touched."""
+    """Count vehicles that crashed in this decision, except the ego and the vehicle it touched.
+
+    Args:
+        before: Vehicles at the decision.
+        after: Vehicles after its sub-steps.
+        count: Number of vehicles.
+        ego: Slot of the ego.
+        touched: Identity of the vehicle that the ego touched; -1: none.
+    """
     crashed = 0
     for slot in range(count):
         fresh = after[slot].crashed and not before[slot].crashed
@@ -180,20 +239,27 @@ _PERCEPTION = 200.0  # m
 
 @allocating_kernel
 def observe(vehicles, count, ego, view, observation):
-    """Write the ego's row, then those of the others by distance along the ego's lane.
-
-    The view is the coordinates along the ego's lane by slot, m, the `tie`, the SIGHT record,
-    the quarter turns, from east to north, of the frame, and the number of rows of vehicles.
+    """Write the ego's row, then those of further vehicles by distance along the ego's lane.
 
     Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
     on the ego's lane, so rounding often decides their order; with `tie`, m, the list's order
     decides.
+
+    Args:
+        vehicles: Records of vehicles.
+        count: Number of vehicles.
+        ego: Slot of the ego.
+        view: Coordinates along the ego's lane by slot, m; the `tie`; the SIGHT record; the cosine
+            and sine of the frame's turn, from east to north; the number of rows of vehicles.
+        observation: Rows of the observation, which are written.
     """
-    along, tie, sight, turns, rows = view
+    along, tie, sight, turn, rows = view
     observation[:] = 0.0
     me = vehicles[ego]
-    write_row(me, 0.0, 0.0, 0.0, 0.0, sight, turns, observation[0])
-    slots, distances, visible = np.empty(count, np.int64), np.empty(count), 0
+    write_row(me, 0.0, 0.0, 0.0, 0.0, sight, turn, observation[0])
+    slots = np.empty(count, np.int64)
+    distances = np.empty(count)
+    visible = 0
     for slot in range(count):
         if slot == ego:
             continue
@@ -205,37 +271,61 @@ def observe(vehicles, count, ego, view, observation):
             continue
         rank = visible
         while rank > 0 and distances[rank - 1] > abs(ahead) + tie:
-            slots[rank], distances[rank] = slots[rank - 1], distances[rank - 1]
+            slots[rank] = slots[rank - 1]
+            distances[rank] = distances[rank - 1]
             rank -= 1
-        slots[rank], distances[rank] = slot, abs(ahead)
+        slots[rank] = slot
+        distances[rank] = abs(ahead)
         visible += 1
-    x, y, vx, vy = 0.0, 0.0, 0.0, 0.0
+    x = 0.0
+    y = 0.0
+    vx = 0.0
+    vy = 0.0
     if sight.relative:
-        x, y, vx, vy = me.x, me.y, me.speed * me.along_x, me.speed * me.along_y
+        x = me.x
+        y = me.y
+        vx = me.speed * me.along_x
+        vy = me.speed * me.along_y
     for row in range(min(visible, rows - 1)):
-        write_row(vehicles[slots[row]], x, y, vx, vy, sight, turns, observation[row + 1])
+        write_row(vehicles[slots[row]], x, y, vx, vy, sight, turn, observation[row + 1])
 
 
 @kernel
-def write_row(vehicle, x, y, vx, vy, sight, turns, row):
-    """Write a row of an observation, position and velocity less those given."""
-    dx, dy = _turned(vehicle.x - x, vehicle.y - y, turns)
-    along_x, along_y = vehicle.along_x, vehicle.along_y
-    speed_x, speed_y = vehicle.speed * along_x - vx, vehicle.speed * along_y - vy
-    speed_x, speed_y = _turned(speed_x, speed_y, turns)
+def write_row(vehicle, x, y, vx, vy, sight, turn, row):
+    """Write a row of an observation, position and velocity less those given.
+
+    Args:
+        vehicle: Record of the vehicle.
+        x: x that is subtracted from its position, m.
+        y: y that is subtracted, m.
+        vx: Velocity to the east that is subtracted, m/s.
+        vy: Velocity to the south that is subtracted, m/s.
+        sight: SIGHT record with the scales.
+        turn: Cosine and sine of the frame's turn, from east to north.
+        row: Row of the observation, in the order of `FEATURES`, which is written.
+    """
+    dx, dy = _turned(vehicle.x - x, vehicle.y - y, turn)
+    along_x = vehicle.along_x
+    along_y = vehicle.along_y
+    speed_x = vehicle.speed * along_x - vx
+    speed_y = vehicle.speed * along_y - vy
+    speed_x, speed_y = _turned(speed_x, speed_y, turn)
     row[0] = 1.0
-    row[1], row[2] = _scaled(dx, sight.x), _scaled(dy, sight.y)
-    row[3], row[4] = _scaled(speed_x, sight.vx), _scaled(speed_y, sight.vy)
-    row[5], row[6] = _turned(along_x, along_y, turns)
+    row[1] = _scaled(dx, sight.x)
+    row[2] = _scaled(dy, sight.y)
+    row[3] = _scaled(speed_x, sight.vx)
+    row[4] = _scaled(speed_y, sight.vy)
+    row[5], row[6] = _turned(along_x, along_y, turn)
 
 
 @kernel
-def _turned(x, y, turns):
-    if turns == 0:
-        return x, y
-    if turns == 1:
-        return y, -x
-    return (-x, -y) if turns == 2 else (-y, x)
+def _turned(x, y, turn):
+    cos, sin = turn
+    if sin == 0:
+        return (x, y) if cos > 0 else (-x, -y)
+    if cos == 0:
+        return (y, -x) if sin > 0 else (-y, x)
+    return cos * x + sin * y, cos * y - sin * x
 
 
 @kernel

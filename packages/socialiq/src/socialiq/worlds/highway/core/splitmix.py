@@ -5,7 +5,8 @@ import numpy as np
 from socialiq.worlds.highway.core.compile import elementwise, kernel
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_FIRST = np.uint64(0xBF58476D1CE4E5B9)
+_SECOND = np.uint64(0x94D049BB133111EB)
 _S30, _S27, _S31 = (np.uint64(bits) for bits in (30, 27, 31))
 
 

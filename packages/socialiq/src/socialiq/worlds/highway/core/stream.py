@@ -32,9 +32,16 @@ _POOL = 4  # words of SeedSequence's pool
 
 @allocating_kernel
 def seed(episode, entropy):
-    """Seed the stream as `numpy.random.default_rng(entropy)` does; entropy is a uint64."""
-    pool, constant = np.zeros(_POOL, np.uint64), np.uint64(0x43B0D7E5)
-    pool[0], pool[1] = entropy & _LOW_32, entropy >> _WORD
+    """Seed the stream as `numpy.random.default_rng(entropy)` does.
+
+    Args:
+        episode: EPISODE record that holds the stream.
+        entropy: Seed, uint64.
+    """
+    pool = np.zeros(_POOL, np.uint64)
+    constant = np.uint64(0x43B0D7E5)
+    pool[0] = entropy & _LOW_32
+    pool[1] = entropy >> _WORD
     for word in range(_POOL):
         pool[word], constant = _hash(pool[word], constant)
     for source in range(_POOL):
@@ -44,21 +51,26 @@ def seed(episode, entropy):
                 mixed = np.uint64(0xCA01F9DD) * pool[target] - np.uint64(0x4973F715) * hashed
                 mixed = mixed & _LOW_32
                 pool[target] = mixed ^ mixed >> np.uint64(16)
-    words, constant = np.zeros(8, np.uint64), np.uint64(0x8B51F9DD)
+    words = np.zeros(8, np.uint64)
+    constant = np.uint64(0x8B51F9DD)
     for number in range(8):  # the 128-bit state, high half first, then the increment
         value = pool[number % _POOL] ^ constant
         constant = (constant * np.uint64(0x58F38DED)) & _LOW_32
         value = (value * constant) & _LOW_32
         words[number] = value ^ value >> np.uint64(16)
-    high, low = words[0] | words[1] << _WORD, words[2] | words[3] << _WORD
-    episode.state_high, episode.state_low = _ZERO, _ZERO
-    start_high, start_low = words[4] | words[5] << _WORD, words[6] | words[7] << _WORD
+    high = words[0] | words[1] << _WORD
+    low = words[2] | words[3] << _WORD
+    episode.state_high = _ZERO
+    episode.state_low = _ZERO
+    start_high = words[4] | words[5] << _WORD
+    start_low = words[6] | words[7] << _WORD
     episode.increment_high = start_high << _ONE | start_low >> np.uint64(63)
     episode.increment_low = start_low << _ONE | _ONE
     _advance(episode)
     _add(episode, high, low)
     _advance(episode)
-    episode.has_half_word, episode.half_word = False, _ZERO
+    episode.has_half_word = False
+    episode.half_word = _ZERO
 
 
 @kernel
@@ -80,10 +92,13 @@ def _add(episode, high, low):
 @kernel
 def _advance(episode):
     """Advance the generator: multiply and add, modulo 2^128."""
-    high, low = episode.state_high, episode.state_low
+    high = episode.state_high
+    low = episode.state_low
     # The upper 64 bits of the 128-bit product of both low words, by their halves.
-    left_low, left_high = low & _LOW_32, low >> _WORD
-    right_low, right_high = _MULTIPLIER_LOW & _LOW_32, _MULTIPLIER_LOW >> _WORD
+    left_low = low & _LOW_32
+    left_high = low >> _WORD
+    right_low = _MULTIPLIER_LOW & _LOW_32
+    right_high = _MULTIPLIER_LOW >> _WORD
     middle = left_high * right_low + (left_low * right_low >> _WORD)
     cross = left_low * right_high + (middle & _LOW_32)
     upper = left_high * right_high + (middle >> _WORD) + (cross >> _WORD)
@@ -146,7 +161,12 @@ def normal(episode):
 
 @kernel
 def up_to(episode, largest):
-    """Return a uniform integer from 0 to `largest`, as NumPy's bounded draw."""
+    """Return a uniform integer from 0 to `largest`, as NumPy's bounded draw.
+
+    Args:
+        episode: EPISODE record that holds the stream.
+        largest: Largest integer, below 2**32 - 1; with 0 no number is drawn.
+    """
     if largest == 0:
         return 0
     count = np.uint64(largest) + _ONE
@@ -159,11 +179,17 @@ def up_to(episode, largest):
 
 
 @kernel
-def two_of_four(episode):
-    """Return two different integers below 4, as `Generator.choice(4, 2, replace=False)`."""
-    first, second = up_to(episode, 2), up_to(episode, 3)
+def two_of(episode, count):
+    """Return two different integers below a number, as `Generator.choice(count, 2, replace=False)`.
+
+    Args:
+        episode: EPISODE record that holds the stream.
+        count: The number, at least 2.
+    """
+    first = up_to(episode, count - 2)
+    second = up_to(episode, count - 1)
     if second == first:
-        second = 3
+        second = count - 1
     if up_to(episode, 1) == 0:
         first, second = second, first
     return first, second

@@ -1,0 +1,1 @@
+"""Functions for what a user does, with the words, defaults and messages of the commands."""

@@ -1,0 +1,67 @@
+"""Kinds of options of a road: agents, continuous actions, people and a side, in any combination.
+
+A kind is a dataclass whose bases are the parts and the options of the plain road. Some have names
+of their own (`FleetOptions`); the others are made here when they are first asked for.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from socialiq.worlds.highway.options import AgentOptions, ControlOptions, RoadOptions, SideOptions
+from socialiq.worlds.highway.people import PeopleOptions
+from socialiq.worlds.road_users import ROAD_USERS
+
+PARTS: dict[type[Any], frozenset[str]] = {
+    ControlOptions: frozenset({"actions"}),
+    AgentOptions: frozenset({"agents"}),
+    PeopleOptions: frozenset(user.rate for user in ROAD_USERS),
+    SideOptions: frozenset({"left_hand"}),
+}
+"""Parts that the options of a road may have, with the options that ask for each."""
+
+
+def parts_of(options: Iterable[str]) -> tuple[type[Any], ...]:
+    """Return the parts that options ask for, by their names."""
+    given = frozenset(options)
+    return tuple(part for part, names in PARTS.items() if names & given)
+
+
+@functools.cache
+def kind_with(plain: type[RoadOptions], parts: tuple[type[Any], ...]) -> type[Any]:
+    """Return the options of a road with parts.
+
+    Args:
+        plain: Options of the road without them.
+        parts: Some of `PARTS`, in their order.
+    """
+    if not parts:
+        return plain
+    named = {
+        kind.__bases__[0]: kind for kind in plain.__subclasses__() if kind.__bases__[1:] == (plain,)
+    }
+    bases = tuple(named.get(part, part) for part in parts)
+    if not any(issubclass(base, plain) for base in bases):
+        bases = (*bases, plain)
+    if len(bases) == 1:
+        return bases[0]
+    for kind in bases[0].__subclasses__():
+        if kind.__bases__ == bases:
+            return kind
+    name = "".join(part.__name__.removesuffix("Options") for part in parts) + plain.__name__
+
+    def reduced(options: Any) -> tuple[Any, ...]:
+        return _with_values, (plain, parts, vars(options))
+
+    # Pickled by its parts: a class that is made here has no name in a module.
+    body = {"__doc__": f"Options of a road: {name}.", "__reduce__": reduced, "__module__": __name__}
+    return dataclass(frozen=True)(type(name, bases, body))
+
+
+def _with_values(
+    plain: type[RoadOptions], parts: tuple[type[Any], ...], values: Mapping[str, Any]
+) -> Any:
+    return kind_with(plain, parts)(**values)

@@ -1,0 +1,161 @@
+"""Episodes of any road from its table, side by side: its features follow from the options."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.errors import UserError, one_of
+from socialiq.types import RewardPair
+from socialiq.worlds.highway import people
+from socialiq.worlds.highway.batch import RoadBatch, State
+from socialiq.worlds.highway.effects import EffectOptions
+from socialiq.worlds.highway.options import (
+    ACCELERATION_RANGE,
+    SIGNALS,
+    SKIP,
+    STEERING_RANGE,
+    VEHICLE,
+    Buffers,
+    RoadOptions,
+    settings_of,
+)
+from socialiq.worlds.highway.people import PeopleOptions
+from socialiq.worlds.highway.scenes import Scene
+from socialiq.worlds.world import Decisions
+
+BackEnd = Literal["core", "highway_env"]
+
+
+def commands(actions: Float[np.ndarray, "row value"]) -> list[Float[np.ndarray, " row"]]:
+    """Return the acceleration, m/s², and the front wheels' angle, rad, of continuous actions.
+
+    They are computed in highway-env's order of operations and in the actions' own precision;
+    float32 rounds differently from float64. Without a second column the wheels stand straight.
+    """
+    ranges = zip(actions.T, (ACCELERATION_RANGE, STEERING_RANGE), strict=False)
+    held = [low + (values - -1) * (high - low) / (1 - -1) for values, (low, high) in ranges]
+    return held if len(held) == 2 else [*held, np.zeros(len(actions))]
+
+
+class Batch(RoadBatch):
+    """Episodes of one scene side by side; see `RoadBatch`.
+
+    The options decide what is in it: several agents, continuous actions, people. The back end
+    "highway_env" is the real environment, hundreds of times slower. With `traced`, `buffers.trace`
+    has the vehicles of every sub-step, for films.
+
+    Raises:
+        UserError: If a number is not positive, more agents are controlled than the road has
+            entries, or highway-env is requested and is not installed or lacks the scene.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        options: RoadOptions,
+        size: int,
+        threads: int = 1,
+        traced: bool = False,
+        back_end: BackEnd = "core",
+        effects: EffectOptions | None = None,
+        by_class: bool = False,
+    ) -> None:
+        one_of("back end", back_end, ("core", "highway_env"))
+        road = scene.road
+        if not len(road.arrivals) and options.agents > len(road.entries):
+            raise UserError(
+                f"{scene.name} has {len(road.entries)} vehicles: choose at most as many agents, "
+                f"not {options.agents}"
+            )
+        most = options.capacity + len(road.entries) + len(road.obstacles)
+        buffers = Buffers.of(options, VEHICLE, most, size, traced or effects is not None)
+        super().__init__(options, buffers, settings_of(options), threads, effects)
+        self.scene = scene
+        self.n_actions = len(scene.actions)
+        self.faster = scene.actions.index("faster")
+        self.walks = options if isinstance(options, PeopleOptions) else None
+        self._by_class = by_class
+        self.real: Any = None
+        if back_end == "highway_env":
+            if effects is not None:
+                raise UserError("highway-env can't drive without its ego: use the core")
+            if not scene.back_end:
+                raise UserError(f"{scene.name} has no back end highway_env: use the core")
+            module, name = scene.back_end.split(":")
+            self.real = getattr(importlib.import_module(module), name)(options, self.buffers)
+
+    def _core(self) -> tuple[Any, Any, np.ndarray]:
+        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
+
+        return step, self.scene.road, self.scene.road.lanes
+
+    def _run(self, command: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        if self.real is not None:
+            self.real.run(command, seeds, seeded, actions)
+            return
+        if self.walks:
+            people.begin_decision(self.buffers, command != SKIP)
+        if actions.ndim == 2:
+            self._hold(actions, command != SKIP)
+            actions = np.zeros(len(actions), np.int64)
+        super()._run(command, seeds, seeded, actions)
+
+    def _hold(self, actions: Float[np.ndarray, "row value"], deciding: np.ndarray) -> None:
+        """Write continuous actions into the records of the agents that drive."""
+        controlled = self.buffers.episodes["controlled"][:, : self.options.agents]
+        rows, agents = np.nonzero(deciding[:, None] & (controlled >= 0))
+        acceleration, steering = commands(actions[rows * self.options.agents + agents])
+        vehicles = rows, controlled[rows, agents]
+        self.buffers.vehicles["acceleration"][vehicles] = acceleration
+        self.buffers.vehicles["steering"][vehicles] = steering
+
+    @property
+    def _resets_in_core(self) -> bool:
+        return super()._resets_in_core and not self.walks
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of the signals that define the rewards, without effects."""
+        return (*SIGNALS, *self.walks.signals) if self.walks else SIGNALS
+
+    def _decisions(self) -> Decisions:
+        decisions = super()._decisions()
+        if not self.walks:
+            return decisions
+        signals = people.signals_of(self.walks, self.buffers)
+        rewards: RewardPair = people.by_class(
+            self.walks, decisions.rewards, signals, self._by_class
+        )
+        return decisions._replace(rewards=rewards, signals={**decisions.signals, **signals})
+
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        road = {"scene": self.scene, "options": self.options}
+        how = {"threads": self._threads, "effects": self.effects, "by_class": self._by_class}
+        return {**road, **how}
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        """Return numbers, or where actions are continuous floats in [-1, 1]; refuse others."""
+        if not self.options.continuous:
+            return super()._checked(actions)
+        chosen = np.asarray(actions)
+        shape = *self.shape, self.options.width
+        if chosen.shape != shape or chosen.dtype not in (np.float32, np.float64):
+            raise UserError(
+                f"actions must be float32 or float64 of the shape {shape}, got {chosen.dtype} of "
+                f"the shape {chosen.shape}"
+            )
+        wrong = chosen[~(np.abs(chosen) <= 1.0)]
+        if len(wrong):
+            raise UserError(f"actions must lie between -1 and 1, got {wrong[0]}: clip them")
+        return chosen.reshape(-1, self.options.width)
+
+    @property
+    def _columns(self) -> State:
+        if self.real is not None:  # which holds its state in Python objects
+            raise UserError("the state of highway-env can't be saved or restored: use the core")
+        return super()._columns

@@ -1,0 +1,221 @@
+"""A third class of road users is one row of a table, from the world to pictures and the page.
+
+`python -m tests.unit.worlds.test_third_class` prints what follows from the row, in a process of its
+own, since the table is read where modules are imported.
+
+A class that the product ships touches six files: `worlds/road_users.py` (the row), `cli/profile.py`
+(flags of its bounds), `audit/profile/profile.schema.json` and `audit/report/report.schema.json`
+(written from the code), its page in `docs/worlds` and `CHANGELOG.md`.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+EPISODES = 60
+WORLD = "intersection,people=0.1,scooters=0.3,reward=caused"
+
+
+def scooter() -> Any:
+    """The row of a class that rides, with a size, speeds and weights of its own."""
+    from socialiq.worlds.road_users import RIDES, RoadUser
+
+    return RoadUser(
+        name="scooter",
+        plural="scooters",
+        key="scooters",
+        motion=RIDES,
+        length=1.2,
+        width=0.6,
+        arrivals={
+            "rate": ("scooter_rate", 0.0),
+            "speed": ("scooter_speed", 5.5),
+            "speed_sd": ("scooter_speed_sd", 0.5),
+            "gap": ("scooter_gap", 3.5),
+            "gap_sd": ("scooter_gap_sd", 0.5),
+            "least_gap": ("scooter_least_gap", 2.0),
+            "impatience": ("scooter_impatience", 0.1),
+            "rows": ("observed_scooters", 3),
+        },
+        weights={"delay": -0.4, "encounter": -1.0, "hit": -30.0, "collision": -40.0, "class": 2.0},
+        most_delay=1.0,
+        most_hit=0.01,
+    )
+
+
+def driven() -> dict[str, Any]:
+    """Return what a world with the class and one without it give, for `WORLD`."""
+    from socialiq.worlds.registry import make
+
+    world: Any = make(WORLD)
+    batch = world.batch(EPISODES, traced=True)
+    batch.reset(np.arange(EPISODES))
+    rng = np.random.default_rng(0)
+    before = world.options.narrow_rows[0]
+    presence = set[float]()
+    off = 0.0
+    hits = 0.0
+    for _ in range(15):
+        running = batch.running
+        decisions = batch.step(rng.integers(3, size=EPISODES), auto_reset=False, rows=running)
+        presence |= {*np.unique(decisions.observation.reshape(EPISODES, -1, 7)[:, before:, 0])}
+        signals = decisions.signals
+        own = sum(signals[name] * weight for name, weight in world.options.social_weights.items())
+        effects = world.effects
+        caused = sum(
+            getattr(effects, f"{name}_weight") * signals[name]
+            for name in ("delay", "braking", "encounter")
+        )
+        caused = caused + effects.caused_collision_weight * signals["collision"]
+        expected = np.sqrt(0.5) * (caused + own)
+        off = max(off, float(np.abs(decisions.rewards.social - expected)[running].max()))
+        hits += float(signals["scooter_hit"][running].sum())
+    people = batch.buffers.people
+    return {
+        "presence": [float(code) for code in sorted(presence)],
+        "signals": [name for name in signals if name.startswith("scooter")],
+        "weights": world.reward["vulnerable"],
+        "off": off,
+        "hits": hits,
+        "sizes": np.unique(people[people["kind"] == 2][["length", "width"]]).tolist(),
+    }
+
+
+def mixed() -> list[float]:
+    """Return the metres between the middles of riders of an arm, of both classes that ride."""
+    from socialiq.worlds.registry import make
+    from socialiq.worlds.road_users import GONE, WAITING
+
+    batch: Any = make("intersection,cyclists=0.2,scooters=0.2").batch(EPISODES)
+    batch.reset(np.arange(EPISODES))
+    gaps = list[float]()
+    for _ in range(15):
+        batch.step(np.zeros(EPISODES, np.int64), auto_reset=False, rows=batch.running)
+        people = batch.buffers.people
+        along = people["along_x"] * people["x"] + people["along_y"] * people["y"]
+        there = (people["state"] >= WAITING) & (people["state"] < GONE)
+        place = np.sort(np.where(there, 1000.0 * people["way"] + along, np.nan), axis=1)
+        near = np.diff(place, axis=1)
+        gaps += near[near < 100.0].tolist()
+    return gaps
+
+
+def measured() -> dict[str, Any]:
+    """Return quantities of effects and of audits, by default bounds and in a report's tables."""
+    from socialiq.audit.profile import fields
+    from socialiq.audit.profile.template import limits_at
+    from socialiq.evaluation.effects import QUANTITIES, caused, measure, summary
+    from socialiq.evaluation.simulate import actor_of
+    from socialiq.worlds.registry import make
+
+    world: Any = make(WORLD)
+    driver = world.driver("gap_3s")
+    row = summary(measure(world, driver, range(EPISODES), judging=False))
+    seeds = np.arange(EPISODES)
+    episodes = caused(world, lambda batch: actor_of(batch, driver), seeds, EPISODES)
+    names = ("scooter_delay", "scooter_hit")
+    return {
+        "summary": {name: row[name] for name in names},
+        "quantities": [name for name in QUANTITIES if name in fields.QUANTITIES],
+        "words": [fields.QUANTITIES[name].words for name in names],
+        "fields": [field.path for field in fields.FIELDS if "scooter" in field.path],
+        "episodes": {name: float(episodes[name].mean()) for name in names},
+        "limits": limits_at(WORLD, 45.0, {"scooter_rate": 0.3}),
+    }
+
+
+def shown() -> dict[str, Any]:
+    """Return what tables of options, pictures and the page have of the class."""
+    from matplotlib.patches import Polygon
+
+    from socialiq.cli.worlds import options_of
+    from socialiq.foreign import drawing
+    from socialiq.page.webassembly.layout import layout
+    from socialiq.worlds.highway.render import present_scene, traffic
+    from socialiq.worlds.registry import make
+    from socialiq.worlds.road_users import MOVING
+
+    world: Any = make("intersection,scooters=0.3")
+    batch = world.batch(1)
+    batch.reset([1])
+    people = batch.buffers.people[0]
+    people = people[people["kind"] == 2][:1].copy()
+    people["state"] = MOVING
+    bars = list[int]()
+    for shown_people in (people[:0], people):
+        axes = drawing().Figure().add_subplot()
+        axes.set(xlim=(-60, 60), ylim=(60, -60))
+        traffic(axes, present_scene(batch)._replace(people=shown_people), world.view)
+        bodies = [patch for patch in axes.patches if patch.get_zorder() == 6]
+        bars.append(sum(isinstance(body, Polygon) for body in bodies))
+    options = {row["key"]: row for row in options_of("intersection")}
+    return {
+        "key": options["scooters, scooter_rate"]["meaning"],
+        "gap": options["scooter_gap"],
+        "lane": world.options.rides,
+        "bars": bars[1] - bars[0],
+        "page": layout(world.options)["people"]["classes"],
+    }
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.unit.worlds.test_third_class"],
+        cwd=Path(__file__).parents[3],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
+def test_its_people_have_their_size_and_own_rows_of_observations(found):
+    assert found["sizes"] == [[1.2, 0.6]]
+    assert found["presence"] == [0.0, 4.0]
+    assert found["signals"] == ["scooter_delay", "scooter_encounter", "scooter_hit"]
+
+
+def test_it_keeps_behind_riders_of_another_class(found):
+    """Lengths of 1.2 and 1.8 m, half a metre apart, are 1.7 m between two of the shorter."""
+    gaps = np.array(found["gaps"])
+    assert len(gaps) > 300
+    assert (gaps < 1.2).mean() < 0.01
+
+
+def test_the_reward_weighs_it_by_weights_of_its_own(found):
+    weights = found["weights"]
+    assert weights["scooter_hit"] == 2 * -30.0 and weights["pedestrian_hit"] == -20.0
+    assert "cyclist_hit" not in weights
+    assert found["hits"] > 0 and found["off"] < 1e-9
+
+
+def test_effects_and_audits_count_it(found):
+    assert found["summary"]["scooter_delay"] > 0
+    assert found["episodes"] == pytest.approx(found["summary"])
+    assert found["quantities"][-2:] == ["scooter_delay", "scooter_hit"]
+    assert found["words"] == ["makes scooters wait", "hits a scooter"]
+    bounds = {"caused.max_scooter_delay", "caused.min_scooter_hit", "caused.scooter_delay_range"}
+    assert bounds < {*found["fields"]}
+    assert found["limits"]["max_scooter_delay"] == 1.0
+    assert "max_cyclist_delay" not in found["limits"]
+
+
+def test_options_pictures_and_the_page_show_it(found):
+    assert found["key"] == "arrivals at each arm per s"
+    assert found["gap"]["default"] == "3.5" and found["gap"]["needs"].endswith("or scooters")
+    assert found["lane"] is True
+    assert found["bars"] == 1
+    assert found["page"] == ["pedestrians", "cyclists", "scooters"]
+
+
+if __name__ == "__main__":
+    from socialiq.worlds import road_users
+
+    road_users.ROAD_USERS = (*road_users.ROAD_USERS, scooter())
+    print(json.dumps({**driven(), "gaps": mixed(), **measured(), **shown()}))
