@@ -1,9 +1,10 @@
 """Hashes of arrays and tables, and the list of items that have them.
 
-An item is a function that yields a name and a SHA-256 for each of its tables. Floats that come from
-training or from a study are rounded to 6 significant digits first, because their last digits depend
-on the model of the CPU; those of the cores of simulation are hashed as they are, to the last bit.
-Keys are named by content, not by module.
+An item is a function that yields a name and an entry for each of its tables. The cores of
+simulation give the same bits on every machine, so their entry is a SHA-256. The last digits of
+floats that come from training or from a study depend on the model of the CPU, so their entry is a
+sketch: the SHA-256 of everything but the floats, and three sums over the floats, which are compared
+with a tolerance. Keys are named by content, not by module.
 """
 
 from __future__ import annotations
@@ -20,8 +21,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-DIGITS = 6
-"""Significant digits of a rounded float."""
+TOLERANCE = 1e-5
+"""Largest difference of two sums of a sketch.
+
+A sum moves by about the root mean square of the floats' relative changes. Without fused
+multiplication and addition (`--xla_cpu_max_isa=AVX`), which changes more than another model of CPU
+does, the sums of the items of `learner/iq_learn` move by at most 3e-8.
+"""
+
+SCALE = 1e-3
+"""Magnitude below which a float's absolute change counts, and above which its relative change."""
+
+FREQUENCIES = (math.sqrt(2.0), math.sqrt(3.0), math.sqrt(5.0))
+"""Radians from one float to the next in the three sums' weights."""
+
+SKETCH = "~"
+"""First character of a sketch."""
 
 FILE = Path(__file__).with_name("digest.json")
 
@@ -33,7 +48,7 @@ class Item(NamedTuple):
 
     Attributes:
         name: Beginning of their keys.
-        compute: Returns a SHA-256 by table, given an empty folder.
+        compute: Returns an entry by table, given an empty folder.
         needs: Modules of optional extras.
         quick: Whether it is part of `make test`.
     """
@@ -61,71 +76,83 @@ def of_bytes(content: bytes) -> str:
 
 
 def of_array(values: Any, exact: bool = False) -> str:
-    """Return the SHA-256 of an array: type, shape and content.
+    """Return the entry of an array: type, shape and content.
 
     Args:
         values: The array.
-        exact: Whether floats are hashed to the last bit instead of to `DIGITS` digits.
+        exact: Whether floats are hashed to the last bit instead of sketched.
     """
     array = np.asarray(values)
-    whole = hashlib.sha256(f"{array.dtype.str}{array.shape}".encode())
-    parts = (array,) if exact or array.dtype.kind != "f" else significant(array)
-    for part in parts:
-        whole.update(np.ascontiguousarray(part).tobytes())
-    return whole.hexdigest()
+    head = f"{array.dtype.str}{array.shape}".encode()
+    if exact or array.dtype.kind != "f":
+        return of_bytes(head + np.ascontiguousarray(array).tobytes())
+    finite = np.isfinite(array)
+    others = np.where(finite, 0.0, array).astype(np.float32)
+    return sketch(head + others.tobytes(), array[finite].tolist())
 
 
-def significant(array: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mantissas of `DIGITS` digits, and exponents; 0 and what is not finite have a code."""
-    wide = array.astype(np.float64)
-    regular = np.isfinite(wide) & (wide != 0.0)
-    exponent = np.zeros(wide.shape, np.int64)
-    exponent[regular] = np.floor(np.log10(np.abs(wide[regular]))).astype(np.int64)
-    mantissa = np.zeros(wide.shape, np.int64)
-    scaled = wide[regular] * 10.0 ** (DIGITS - 1 - exponent[regular])
-    mantissa[regular] = np.rint(scaled).astype(np.int64)
-    for code, selected in enumerate((np.isnan(wide), wide == np.inf, wide == -np.inf), start=1):
-        exponent[selected] = 10_000 + code
-    return mantissa, exponent
+def sketch(content: bytes, numbers: Sequence[float]) -> str:
+    """Return the SHA-256 of content and three weighted sums of numbers.
+
+    Args:
+        content: What is compared exactly.
+        numbers: Finite floats, in a fixed order.
+    """
+    scaled = np.arcsinh(np.asarray(numbers, np.float64) / SCALE)
+    places = np.arange(len(scaled))
+    sums = [scaled @ np.cos(frequency * places) for frequency in FREQUENCIES]
+    words = [f"{total / math.sqrt(max(len(scaled), 1)):.9g}" for total in sums]
+    return " ".join([f"{SKETCH}{of_bytes(content)}:{len(scaled)}", *words])
+
+
+def equal(before: str, after: str) -> bool:
+    """Return whether two entries are of the same table: sums may differ by `TOLERANCE`."""
+    if not (before.startswith(SKETCH) and after.startswith(SKETCH)):
+        return before == after
+    head, *sums = before.split()
+    head_after, *sums_after = after.split()
+    distances = [abs(float(one) - float(two)) for one, two in zip(sums, sums_after, strict=True)]
+    return head == head_after and max(distances) <= TOLERANCE
 
 
 def of_arrays(arrays: Mapping[str, Any], exact: bool = False) -> str:
-    """Return the SHA-256 of arrays by name, in the order of their names."""
+    """Return the entry of arrays by name, in the order of their names."""
     return of_plain({name: of_array(arrays[name], exact) for name in sorted(arrays)})
 
 
-def of_tree(tree: Any, exact: bool = False) -> str:
-    """Return the SHA-256 of the arrays of a tree of JAX, in the order of their paths."""
-    import jax
+def plain(value: Any, numbers: list[float]) -> Any:
+    """Return data for canonical JSON without its floats, mappings sorted.
 
-    leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
-    arrays = {}
-    for path, leaf in leaves:
-        if hasattr(leaf, "dtype") and jax.numpy.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            leaf = jax.random.key_data(leaf)
-        arrays[jax.tree_util.keystr(path)] = leaf
-    return of_arrays(arrays, exact)
-
-
-def plain(value: Any, digits: int = DIGITS) -> Any:
-    """Return data for canonical JSON: floats as text of so many digits, mappings sorted."""
+    Args:
+        value: Plain values and entries.
+        numbers: Gets the floats, and the sums of sketches.
+    """
+    if isinstance(value, str) and value.startswith(SKETCH):
+        head, *sums = value.split()
+        numbers.extend(map(float, sums))
+        return head
     if value is None or isinstance(value, bool | str | int):
         return value
     if isinstance(value, float):
-        return f"{value + 0.0:.{digits}g}" if math.isfinite(value) and value else f"{value + 0.0}"
+        if not math.isfinite(value):
+            return str(value)
+        numbers.append(value)
+        return "float"
     if isinstance(value, Mapping):
-        return {str(name): plain(entry, digits) for name, entry in value.items()}
+        by_name = {str(name): entry for name, entry in value.items()}
+        return {name: plain(by_name[name], numbers) for name in sorted(by_name)}
     if hasattr(value, "tolist"):
-        return plain(value.tolist(), digits)
+        return plain(value.tolist(), numbers)
     if isinstance(value, tuple | list):
-        return [plain(entry, digits) for entry in value]
+        return [plain(entry, numbers) for entry in value]
     raise TypeError(f"{type(value).__name__} has no plain form")
 
 
-def of_plain(value: Any, digits: int = DIGITS) -> str:
-    """Return the SHA-256 of plain values as canonical JSON, floats rounded."""
-    text = json.dumps(plain(value, digits), sort_keys=True, separators=(",", ":"))
-    return of_bytes(text.encode())
+def of_plain(value: Any) -> str:
+    """Return the entry of plain values as canonical JSON: a sketch if there are floats."""
+    numbers: list[float] = []
+    text = json.dumps(plain(value, numbers), sort_keys=True, separators=(",", ":"))
+    return sketch(text.encode(), numbers) if numbers else of_bytes(text.encode())
 
 
 def computed(
@@ -179,7 +206,7 @@ def differences(
         yield from (f"missing: {key}" for key in sorted(before.keys() - after.keys()))
         yield from (f"new: {key}" for key in sorted(after.keys() - before.keys()))
         both = sorted(before.keys() & after.keys())
-        yield from (f"differs: {key}" for key in both if before[key] != after[key])
+        yield from (f"differs: {key}" for key in both if not equal(before[key], after[key]))
 
 
 def read() -> Hashes:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from safetensors.numpy import load_file
-from tests.digest.digest import DIGITS, Hashes, Item, differences, of_arrays, of_plain
+from tests.digest.digest import Hashes, Item, differences, of_arrays, of_plain
 
 from socialiq.learners.callbacks import Report
 from socialiq.worlds.highway.options import SIGNALS
@@ -26,14 +26,6 @@ NEEDS = {
     "mujoco-imitation": ("mujoco",),
 }
 QUICK = ("audit-power", "off-policy")
-
-
-FEWER_DIGITS = {"mujoco-imitation": 5}
-"""Digits of studies whose returns amplify the last bits of a network.
-
-The order in which XLA adds float32 numbers changes a return of MuJoCo by 3e-7 of itself, and one of
-these returns is 6.237315, on the border of two numbers of six digits.
-"""
 
 
 def run_here(
@@ -60,17 +52,17 @@ def tables_of(name: str, folder: Path) -> Hashes:
     config = changed(study.Config(), content["tiny"])
     with unittest.mock.patch.object(studies, "run_jobs", run_here):
         results = studies.run(study, config, work=folder / "work", engine=Engine(1))
-    return hashes_of(results, folder / "work", FEWER_DIGITS.get(name, DIGITS))
+    return hashes_of(results, folder / "work")
 
 
-def hashes_of(results: Any, work: Path, digits: int = DIGITS) -> Hashes:
+def hashes_of(results: Any, work: Path) -> Hashes:
     """Hash tables, summary and names of other files of a study, and the networks of its jobs."""
     hashes = {
-        table: of_plain([without_times(row) for row in rows], digits)
+        table: of_plain([without_times(row) for row in rows])
         for table, rows in results.tables.items()
         if table not in VOLATILE_TABLES
     }
-    hashes["summary"] = of_plain(without_times(results.summary), digits)
+    hashes["summary"] = of_plain(without_times(results.summary))
     if results.files:
         hashes["files"] = of_plain(sorted(results.files))
     networks = sorted(work.rglob("*.safetensors"))
