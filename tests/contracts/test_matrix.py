@@ -46,7 +46,6 @@ HOLES = (
         ("continuous", "steering"),
         "an ego that steps through target speeds",
     ),
-    (("wet",), (*CAPABILITIES,), "its road and traffic are fixed"),
 )
 """Pairs that are not there yet: one of the first and one of the second, and the refusal."""
 

@@ -1,4 +1,4 @@
-"""Kinds of options of a road: agents, continuous actions, people and a side, in any combination.
+"""Kinds of options of a road: agents, actions, people, side and drivers, in any combination.
 
 A kind is a dataclass whose bases are the parts and the options of the plain road. Some have names
 of their own (`FleetOptions`); the others are made here when they are first asked for.
@@ -6,12 +6,19 @@ of their own (`FleetOptions`); the others are made here when they are first aske
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from socialiq.worlds.highway.options import AgentOptions, ControlOptions, RoadOptions, SideOptions
+from socialiq.worlds.highway.options import (
+    AgentOptions,
+    ControlOptions,
+    RoadOptions,
+    SideOptions,
+    TrafficOptions,
+)
 from socialiq.worlds.highway.people import PeopleOptions
 from socialiq.worlds.road_users import ROAD_USERS
 
@@ -20,6 +27,7 @@ PARTS: dict[type[Any], frozenset[str]] = {
     AgentOptions: frozenset({"agents"}),
     PeopleOptions: frozenset(user.rate for user in ROAD_USERS),
     SideOptions: frozenset({"left_hand"}),
+    TrafficOptions: frozenset(field.name for field in dataclasses.fields(TrafficOptions)),
 }
 """Parts that the options of a road may have, with the options that ask for each."""
 
@@ -35,9 +43,10 @@ def kind_with(plain: type[RoadOptions], parts: tuple[type[Any], ...]) -> type[An
     """Return the options of a road with parts.
 
     Args:
-        plain: Options of the road without them.
+        plain: Options of the road without them; it may have some already.
         parts: Some of `PARTS`, in their order.
     """
+    parts = tuple(part for part in parts if not issubclass(plain, part))
     if not parts:
         return plain
     named = {
@@ -59,6 +68,23 @@ def kind_with(plain: type[RoadOptions], parts: tuple[type[Any], ...]) -> type[An
     # Pickled by its parts: a class that is made here has no name in a module.
     body = {"__doc__": f"Options of a road: {name}.", "__reduce__": reduced, "__module__": __name__}
     return dataclass(frozen=True)(type(name, bases, body))
+
+
+def changed_options(options: RoadOptions, changes: Mapping[str, Any]) -> Any:
+    """Return the options with other values, and with the parts that these ask for.
+
+    Args:
+        options: Options of a road.
+        changes: Values by name.
+
+    Raises:
+        UserError: If a value is not supported.
+    """
+    asked = parts_of(changes)
+    if all(isinstance(options, part) for part in asked):
+        return dataclasses.replace(options, **changes)
+    parts = tuple(part for part in PARTS if part in asked or isinstance(options, part))
+    return kind_with(RoadOptions, parts)(**{**vars(options), **changes})
 
 
 def _with_values(

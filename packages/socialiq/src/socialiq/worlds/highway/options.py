@@ -15,6 +15,8 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending
+from socialiq.worlds.highway import populations
+from socialiq.worlds.highway.populations import Driver
 from socialiq.worlds.road_users import CLASS, MOST_CLASSES, PERSON
 
 Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
@@ -102,6 +104,16 @@ class RewardOptions:
 
 
 @dataclass(frozen=True)
+class TrafficOptions:
+    """Drivers of the traffic, one of the first bases of a road's options."""
+
+    # whether drivers search for leaders beyond the end of their lane, as in intersection-v2
+    connected_lanes: bool = False
+    population: populations.Name = "highway_env"  # distribution of the drivers' parameters
+    canonical: bool = False  # break exact ties by the order of vehicles and lanes, not by rounding
+
+
+@dataclass(frozen=True)
 class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
     """Options of a road: time, ego and rewards.
 
@@ -182,6 +194,11 @@ class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
     def of_traffic(self) -> dict[str, Any]:
         """Fields of the SETTINGS record of vehicles that arrive, by name."""
         return {}
+
+    @property
+    def usual_driver(self) -> Driver:
+        """highway-env's driver of this road."""
+        return DRIVER
 
     @property
     def continuous(self) -> bool:
@@ -285,17 +302,31 @@ SETTINGS = np.dtype(
 """Record of one set of options; from `warm_up` on some fields are of the intersection alone."""
 
 
-TIME_HEADWAY = 1.5  # s
-JAM_DISTANCE = 10.0  # m
-ACCELERATION = 3.0  # m/s²
-DECELERATION = 5.0  # m/s²
+DRIVER = Driver(
+    speed_limit=30.0,
+    time_headway=1.5,
+    jam_distance=10.0,
+    max_acceleration=3.0,
+    comfort_deceleration=5.0,
+)
+"""highway-env's driver of its roads except the intersection; limits of speed differ."""
+
 EXPONENT = 4.0
-DRIVER = TIME_HEADWAY, JAM_DISTANCE, ACCELERATION, DECELERATION
-"""Parameters of highway-env's drivers on its roads except the intersection."""
+
+TIE = 1e-9
+"""Largest difference that counts as equal in canonical mode, m."""
 
 
-def settings_of(options: RoadOptions) -> np.ndarray:
-    """Return the SETTINGS record as an array of one element."""
+def settings_of(options: RoadOptions, speed_limit: float | None = None) -> np.ndarray:
+    """Return the SETTINGS record of a road's options.
+
+    Args:
+        options: The options.
+        speed_limit: Of the lane by which the ego enters, m/s; None: of the usual driver.
+
+    Returns:
+        An array of one record.
+    """
     record = np.zeros(1, SETTINGS)
     for name in SETTINGS.names or ():
         if hasattr(options, name) and name not in (*_CODED, *_NAMED):
@@ -308,7 +339,12 @@ def settings_of(options: RoadOptions) -> np.ndarray:
     record["n_speeds"] = len(options.target_speeds)
     record["target_speeds"][0, : len(options.target_speeds)] = options.target_speeds
     record["weights"] = [getattr(options, f"{name}_weight") for name in SIGNALS]
-    record["population"] = [(mean, 0.0, mean, mean) for mean in (math.inf, *DRIVER)]
+    driver = options.usual_driver
+    if speed_limit is not None:
+        driver = driver._replace(speed_limit=speed_limit)
+    traffic = options if isinstance(options, TrafficOptions) else TrafficOptions()
+    record["population"] = populations.MULTIPLES[traffic.population].of(driver)
+    record["tie"] = TIE if traffic.canonical else 0.0
     if isinstance(options, AgentOptions):
         record["each"] = options.ends == "each"
     for name, value in options.of_traffic.items():

@@ -18,9 +18,9 @@ IDMVehicle: Any = optional("highway_env.vehicle.behavior", "highway", "the refer
 class Driver(IDMVehicle):
     """highway-env's driver with its own defaults, which its intersection changes for all."""
 
-    DISTANCE_WANTED = roads.JAM_DISTANCE
-    COMFORT_ACC_MAX = roads.ACCELERATION
-    COMFORT_ACC_MIN = -roads.DECELERATION
+    DISTANCE_WANTED = roads.DRIVER.jam_distance
+    COMFORT_ACC_MAX = roads.DRIVER.max_acceleration
+    COMFORT_ACC_MIN = -roads.DRIVER.comfort_deceleration
 
 
 class RealScene:

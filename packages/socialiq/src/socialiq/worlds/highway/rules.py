@@ -268,8 +268,10 @@ def _followed_speed(
     speed = _speed(vehicles)
     along = vehicles[:, 1:, 3] * cos + vehicles[:, 1:, 4] * sin
     closing = speed - np.take_along_axis(along, nearest, axis=1)[:, 0]
-    steady = roads.JAM_DISTANCE + speed * roads.TIME_HEADWAY
-    wanted = desired_gap(steady, speed, closing, roads.ACCELERATION, roads.DECELERATION)
+    driver = roads.DRIVER
+    strongest = driver.max_acceleration
+    steady = driver.jam_distance + speed * driver.time_headway
+    wanted = desired_gap(steady, speed, closing, strongest, driver.comfort_deceleration)
     free = 1.0 - (speed / speeds[-1]) ** roads.EXPONENT
-    target = speed + model(free, wanted / gap, roads.ACCELERATION)
+    target = speed + model(free, wanted / gap, strongest)
     return target, (free > 0) & np.isinf(gap)

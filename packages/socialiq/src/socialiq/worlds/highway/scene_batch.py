@@ -73,7 +73,8 @@ class Batch(RoadBatch):
             )
         most = options.capacity + len(road.entries) + len(road.obstacles)
         buffers = Buffers.of(options, VEHICLE, most, size, traced or effects is not None)
-        super().__init__(options, buffers, settings_of(options), threads, effects)
+        settings = settings_of(options, road.speed_limit)
+        super().__init__(options, buffers, settings, threads, effects)
         self.scene = scene
         self.n_actions = len(scene.actions)
         self.faster = scene.actions.index("faster")

@@ -88,6 +88,12 @@ class Road(NamedTuple):
     sight: np.ndarray  # SIGHT record in an array of one
     crossings: Crossings  # ways of people over it
 
+    @property
+    def speed_limit(self) -> float:
+        """Speed limit of the lane by which the ego enters, m/s."""
+        lane = self.arrivals[0, 0] if len(self.arrivals) else self.entries[0]["lane"]
+        return float(self.lanes[lane]["speed_limit"])
+
 
 def road_of(
     network: Network,

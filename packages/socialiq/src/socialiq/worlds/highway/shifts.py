@@ -28,7 +28,7 @@ Exit = Literal["", "own", "left", "right", "straight"]
 OR = " or "  # between shifts of which each episode draws one
 KEPT = 0.8  # correlation of a drift between two decisions
 MOST_LATE = 8  # decisions
-WET_SPEEDS = (0.0, 3.0, 6.0, 9.0)  # m/s
+WET = 1.5  # times as many decisions from the slowest to the fastest target speed
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,9 @@ class Shift:
     spawn: float = -1.0  # `spawn_probability`; -1: as in the world's options
     drivers: str = ""  # `population`
     rate: int = 0  # decisions per second
-    wet: bool = False  # speeds change by 3 m/s a decision, and drivers are of the population `wet`
+    # whether a decision changes the target speed by two thirds of what it does on the dry road (by
+    # 3 m/s at the intersection), and drivers are of the population `wet`
+    wet: bool = False
 
     def __post_init__(self) -> None:
         limits = {"latency": MOST_LATE, "unseen": 1.0, "noise": 100.0, "drift": 100.0}
@@ -81,13 +83,18 @@ class Shift:
         """Whether observations or the times of actions change."""
         return bool(self.changes.keys() & {field.name for field in FAULTS})
 
-    @property
-    def options(self) -> dict[str, Any]:
-        """The options of the road that it changes."""
+    def options_of(self, target_speeds: Sequence[float]) -> dict[str, Any]:
+        """Return the options of a road that it changes.
+
+        Args:
+            target_speeds: The ego's on this road, m/s.
+        """
         changes = {OPTIONS[name]: value for name, value in self.changes.items() if name in OPTIONS}
         if self.wet:
             changes["population"] = self.drivers or "wet"
-            changes["target_speeds"] = WET_SPEEDS
+            count = 1 + round(WET * (len(target_speeds) - 1))
+            speeds = np.linspace(target_speeds[0], target_speeds[-1], count)
+            changes["target_speeds"] = tuple(speeds.tolist())
         return changes
 
 

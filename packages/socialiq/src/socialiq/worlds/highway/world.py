@@ -17,10 +17,11 @@ from socialiq.worlds.highway import rules
 from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.ego import EgoModel
-from socialiq.worlds.highway.kinds import kind_with, parts_of
+from socialiq.worlds.highway.kinds import changed_options, kind_with, parts_of
 from socialiq.worlds.highway.options import (
     FEATURES,
     RoadOptions,
+    TrafficOptions,
     reward_definition,
 )
 from socialiq.worlds.highway.people import CROSSWALK, PeopleOptions, check_ways
@@ -92,7 +93,8 @@ class RoadWorld(World):
     @property
     def shiftable(self) -> tuple[str, ...]:
         """Options that a shift may change."""
-        return tuple(field.name for field in dataclasses.fields(self.options))
+        kinds = type(self.options), TrafficOptions
+        return tuple(field.name for kind in kinds for field in dataclasses.fields(kind))
 
     def shifted(self: Road, text: str = "", front_end: str = "") -> Road:
         """Return the same road with the shifts of a text, and a front end.
@@ -126,7 +128,7 @@ class RoadWorld(World):
 
     def _with_options(self: Road, shifts: Sequence[Shift]) -> Road:
         """Return the road with the options that shifts change."""
-        changes = [shift.options for shift in shifts]
+        changes = [shift.options_of(self.options.target_speeds) for shift in shifts]
         if any(change != changes[0] for change in changes):
             raise UserError(
                 f"shifts between which '{OR.strip()}' stands must have one road and one traffic: "
@@ -137,12 +139,12 @@ class RoadWorld(World):
             fields = [field.name for field in FAULTS]
             fields += [name for name, option in OPTIONS.items() if option in self.shiftable]
             raise UserError(
-                f"{self.name} has no option {lacking[0]}, which the shift {shifts[0]} changes: its "
-                f"road and traffic are fixed; shifts of it are {', '.join(fields)}"
+                f"{self.name} has no option {lacking[0]}, which the shift {shifts[0]} changes: "
+                f"choose among {', '.join(fields)}"
             )
         if not changes[0]:
             return self
-        options = dataclasses.replace(self.options, **changes[0])
+        options = changed_options(self.options, changes[0])
         return dataclasses.replace(cast(Any, self), options=options)
 
     def _episodes(self, kind: type[Kind], **arguments: Any) -> Kind:
@@ -267,8 +269,7 @@ class SceneWorld(RoadWorld):
     def ego(self) -> EgoModel:
         """Scales of the ego's observation, and its speed control."""
         road = self.scene.road
-        entry = road.lanes[road.arrivals[0, 0]]["speed_limit"] if len(road.arrivals) else None
-        entry = float(road.entries[0]["speed"] if entry is None else entry)
+        entry = road.speed_limit if len(road.arrivals) else float(road.entries[0]["speed"])
         in_world = getattr(self.options, "frame", "own") == "world"  # the exit is one arm for all
         exit = "" if in_world else getattr(self.options, "destination", "")
         return EgoModel.of(self.options, road.sight, self.scene.actions, entry, exit)

@@ -1,11 +1,11 @@
-"""Options of the intersection, the populations of its drivers, and the records of its core."""
+"""Options of the intersection, its driver, and the records of its core."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.worlds.highway import ego
 from socialiq.worlds.highway.options import (
     VEHICLE,
@@ -16,55 +16,23 @@ from socialiq.worlds.highway.options import (
     EgoOptions,
     RewardOptions,
     RoadOptions,
+    TrafficOptions,
 )
 from socialiq.worlds.highway.people import PeopleOptions
+from socialiq.worlds.highway.populations import MULTIPLES, Driver
 from socialiq.worlds.highway.scenes import sight
 
+DRIVER = Driver(
+    speed_limit=10.0,
+    time_headway=1.5,
+    jam_distance=7.0,
+    max_acceleration=6.0,
+    comfort_deceleration=3.0,
+)
+"""highway-env's driver of the intersection."""
 
-class Normal(NamedTuple):
-    """Normal distribution whose draws are clipped to an interval."""
-
-    mean: float
-    deviation: float
-    low: float
-    high: float
-
-
-class Population(NamedTuple):
-    """Distributions that a driver draws from when it enters, in the order of the fields.
-
-    The exponent of the free-road term is always drawn first, uniformly from 3.5 to 4.5, as
-    highway-env does. No number is drawn for a field with deviation 0.
-    """
-
-    # m/s. Infinite: the driver starts with the speed it enters at, and takes the road's limit after
-    # its first yield, as in highway-env
-    desired_speed: Normal
-    time_headway: Normal  # s
-    jam_distance: Normal  # m
-    max_acceleration: Normal  # m/s²
-    comfort_deceleration: Normal  # m/s², positive
-
-
-_FIXED = float("inf"), 1.5, 7.0, 6.0, 3.0
-_WET = float("inf"), 1.5, 7.0, 3.0, 1.5
-POPULATIONS = {
-    "highway_env": Population(*(Normal(value, 0.0, value, value) for value in _FIXED)),
-    "thesis": Population(
-        desired_speed=Normal(8.0, 1.0, 5.0, 10.0),
-        time_headway=Normal(1.5, 0.4, 0.5, 2.5),
-        jam_distance=Normal(7.0, 1.5, 3.0, 11.0),
-        max_acceleration=Normal(6.0, 1.0, 3.0, 9.0),
-        comfort_deceleration=Normal(3.0, 0.5, 1.5, 4.5),
-    ),
-    "wet": Population(*(Normal(value, 0.0, value, value) for value in _WET)),
-}
-"""Populations: `highway_env` as in the real environment, `thesis` as described in 5.1.3, `wet`
-with half of highway-env's accelerations.
-
-The thesis prints no distribution. Those of `thesis` are centred on highway-env's values, with
-spreads of the size that calibrations of the model report, and clipped to physical values.
-"""
+POPULATIONS = {name: multiples.of(DRIVER) for name, multiples in MULTIPLES.items()}
+"""Populations of its drivers."""
 
 Destination = Literal["right", "left", "straight", "random"]
 
@@ -80,17 +48,7 @@ class _SpawnOptions:
 
 
 @dataclass(frozen=True)
-class _TrafficOptions:
-    """Drivers of the traffic."""
-
-    # whether they search for leaders beyond the end of their lane, as in intersection-v2
-    connected_lanes: bool = False
-    population: str = "highway_env"  # distribution of their parameters, of `POPULATIONS`
-    canonical: bool = False  # break exact ties by the order of vehicles and lanes, not by rounding
-
-
-@dataclass(frozen=True)
-class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOptions, ClockOptions):
+class Options(RoadOptions, RewardOptions, TrafficOptions, EgoOptions, _SpawnOptions, ClockOptions):
     """Scenario as configured in thesis 5.1.3, and options of its reward (4.1).
 
     Fields stand in the order of the bases from last to first, which names of scenarios have; the
@@ -111,7 +69,6 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
                 f"spawn_probability must lie between 0 and 1, got {self.spawn_probability}"
             )
         super().__post_init__()
-        one_of("population", self.population, tuple(POPULATIONS))
         if self.simulation_frequency < 2:
             raise UserError(
                 "simulation_frequency must be at least 2: road rules apply twice a second"
@@ -121,6 +78,11 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
     def capacity(self) -> int:
         """Largest number of vehicles of an episode: every spawn attempt, and the agents."""
         return self.initial_vehicle_count + self.agents + self.decisions + 1
+
+    @property
+    def usual_driver(self) -> Driver:
+        """highway-env's driver of this road."""
+        return DRIVER
 
     @property
     def exits(self) -> dict[Destination, int]:
@@ -136,9 +98,7 @@ class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOpt
         return {
             "warm_up": 3 * self.simulation_frequency,
             "rule_period": int(1 / (1 / self.simulation_frequency) / 2),
-            "tie": TIE if self.canonical else 0.0,
             "destination": self.exits[exit],
-            "population": POPULATIONS[self.population],
             "own_frame": isinstance(self, AgentOptions) and self.frame == "own",
         }
 
@@ -207,10 +167,6 @@ MULTI_AGENT: dict[str, Any] = {
 `connected_lanes` too."""
 
 
-TIE = 1e-9
-"""Largest difference that counts as equal in canonical mode, m."""
-
-
 _MIRRORED: dict[Destination, Destination] = {"left": "right", "right": "left"}
 
 
@@ -221,7 +177,7 @@ SLOWER, IDLE, FASTER = range(len(ACTIONS))
 ALONG = np.array([(-1, 0), (0, 0), (1, 0)])
 """Change of the target speed's and of the target lane's number by each of `ACTIONS`."""
 
-SPEED_LIMIT = 10.0  # of every lane, m/s
+SPEED_LIMIT = DRIVER.speed_limit  # of every lane, m/s
 POSITION_RANGE = ego.POSITION_RANGE  # m, seen as 1
 SPEED_RANGE = ego.SPEED_RANGE  # m/s, seen as 1
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived

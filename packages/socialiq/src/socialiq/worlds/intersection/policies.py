@@ -22,7 +22,6 @@ LOOK_FROM = 20.0  # m before the stop line from which gaps are judged
 CONFLICT_REACH = 9.0  # m around the centre that a crossing vehicle must have left or not reached
 SAME_LANE = 1.0  # m to the side of the ego within which a vehicle is on its lane
 
-IDM = scenario.POPULATIONS["highway_env"]
 IDM_EXPONENT = 4.0
 IDM_GAP = 3.0  # s
 IDM_CONE = 0.17  # of the way ahead, to either side: 10 degrees
@@ -191,8 +190,9 @@ def _leader(vehicles: Seen) -> tuple[OfEgos, OfEgos]:
 
 def _idm_acceleration(speed: OfEgos, gap: OfEgos, closing: OfEgos) -> OfEgos:
     """Return the core's acceleration in m/s²; gaps in m between centres, closing in m/s."""
-    strongest = IDM.max_acceleration.mean
-    comfort = IDM.comfort_deceleration.mean
-    steady = IDM.jam_distance.mean + speed * IDM.time_headway.mean
+    driver = scenario.DRIVER
+    strongest = driver.max_acceleration
+    comfort = driver.comfort_deceleration
+    steady = driver.jam_distance + speed * driver.time_headway
     ratio = desired_gap(steady, speed, closing, strongest, comfort) / np.maximum(gap, 0.01)
     return model(1.0 - (speed / TARGET_SPEEDS[-1]) ** IDM_EXPONENT, ratio, strongest)

@@ -23,6 +23,7 @@ from socialiq.worlds.highway import options as roads
 from socialiq.worlds.highway.core import drivers, step
 from socialiq.worlds.highway.core import vehicle as kernels
 from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.populations import Population
 from socialiq.worlds.highway.reference import write_commands, write_motion
 from socialiq.worlds.intersection import options as scenario
 from socialiq.worlds.intersection.core.geometry import ROAD, ROUTES
@@ -47,7 +48,7 @@ class Driver(IDMVehicle):
     speed, so that the preference is kept. Subclasses name the population.
     """
 
-    population: ClassVar[scenario.Population] = scenario.POPULATIONS["highway_env"]
+    population: ClassVar[Population] = scenario.POPULATIONS["highway_env"]
     desired_speed = math.inf  # until the draw, which follows the construction
     _target_speed = 0.0
 
