@@ -5,6 +5,7 @@ import pytest
 
 from socialiq import UserError
 from socialiq.evaluation.episodes import episodes_of
+from socialiq.worlds import grammar
 from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.highway.shifts import shifts_of
 from socialiq.worlds.intersection import policies
@@ -113,6 +114,26 @@ def test_an_ego_that_is_predicted_is_where_the_simulator_takes_it():
     for _ in range(2):
         other.step(np.ones(8, np.int64), auto_reset=False)
     np.testing.assert_allclose(early, other.observation[:, 1:5], atol=2e-3)
+
+
+@pytest.mark.parametrize("road", ["intersection", "merge"])
+def test_an_ego_that_accelerates_is_where_the_simulator_takes_it(road):
+    """On its approach, where its heading stays: the last two decisions are predicted."""
+    decided = np.array([[-0.4], [-0.2], [0.6]], np.float32)
+    still = grammar.build(f"{road},control=continuous,latency=2,front_end=[latency=2]").batch(4)
+    still.reset(np.arange(4))
+    for action in decided:
+        actions = np.repeat(action[None], 4, axis=0)
+        still.step(actions, auto_reset=False, rows=still.running)
+    other = grammar.build(f"{road},control=continuous").batch(4)
+    other.reset(np.arange(4))
+    for action in [[0.0], [0.0], *decided]:
+        actions = np.repeat(np.array([action], np.float32), 4, axis=0)
+        other.step(actions, auto_reset=False, rows=other.running)
+    driving = other.running & still.running
+    assert driving.sum() >= 2
+    predicted = still.observation[driving, 1:5]
+    np.testing.assert_allclose(predicted, other.observation[driving, 1:5], atol=1e-5)
 
 
 def test_it_repairs_what_it_is_declared_for():

@@ -20,7 +20,7 @@ NEXT = "memory_after"
 
 @dataclass(frozen=True)
 class FrontEndPolicy:
-    """A policy of the intersection with discrete actions behind a front end.
+    """A policy of a road behind a front end.
 
     Its state is the memory, float32 (batch, values), zeros where an episode begins.
     """
@@ -49,7 +49,7 @@ class FrontEndPolicy:
             memory = np.where(np.reshape(episode_start, (-1, 1)), np.float32(0.0), memory)
         estimate, memory = self.front_end.see(rows, memory, features)
         actions, _ = self.policy.predict(estimate, deterministic=deterministic)
-        decided = np.reshape(actions, (-1, 1)).astype(np.float32)
+        decided = np.reshape(actions, (len(rows), -1)).astype(np.float32)
         memory = self.front_end.decided(memory, decided, features)
         return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), memory
 

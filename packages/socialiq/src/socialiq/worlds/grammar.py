@@ -344,11 +344,6 @@ def _road(name: str, options: Mapping[str, Any]) -> RoadWorld:
         raise UserError(f"{next(iter(of_effects))} is of what an ego causes: add reward=caused")
     kind = kind_with(PLAIN.get(name, RoadOptions), parts_of(values))
     _refuse_incomplete(kind, values)
-    if issubclass(kind, PeopleOptions) and issubclass(kind, AgentOptions):
-        raise UserError(
-            "the delays of people are counted for one ego: leave out people and cyclists, or set "
-            "agents=1"
-        )
     if issubclass(kind, PeopleOptions):
         values = {"pedestrian_rate": 0.0} | values
     world: RoadWorld

@@ -143,6 +143,9 @@ CLASS = np.dtype(
 )
 """Record of a class that the core reads."""
 
+MOST_AGENTS = 16
+"""Controlled vehicles of an episode, of which an ego is the first."""
+
 ABSENT, WAITING, MOVING, GONE = range(4)
 """States of a person: before its arrival, before its line, on its way behind it, at the end."""
 
@@ -160,16 +163,18 @@ PERSON = np.dtype(
         ("arrival", np.float64),  # s since the reset
         ("accepted_gap", np.float64),  # s, before it has waited
         ("waited", np.float64),  # s lost by waiting since the reset
-        # of a decision:
-        ("delay", np.float64),  # s lost by waiting that it would not have lost without the ego
-        ("encounter", np.float64),  # closest one with the ego, 0 to 1
-        ("lost_speed", np.float64),  # m/s lost by braking for the ego
+        # of a decision, by agent:
+        # s lost by waiting that it would not have lost without this agent alone
+        ("delay", np.float64, (MOST_AGENTS,)),
+        ("encounter", np.float64, (MOST_AGENTS,)),  # closest one with it, 0 to 1
+        ("lost_speed", np.float64, (MOST_AGENTS,)),  # m/s lost by braking for it
         ("identity", np.int32),  # unique in its episode, vehicles included
         ("kind", np.int8),  # row of `ROAD_USERS`
         ("motion", np.int8),  # ON_FOOT or RIDES
         ("way", np.int16),  # row of the road's `crossings.ways`
         ("state", np.int8),
-        ("hit", np.bool_),  # by the ego
+        ("hit", np.bool_),  # by an agent
+        ("hit_by", np.int8),  # number of this agent
     ],
     align=True,
 )

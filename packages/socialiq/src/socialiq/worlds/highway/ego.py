@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.options import ACCELERATION_RANGE, RoadOptions
 
 POSITION_RANGE = 100.0  # m, seen as 1
 SPEED_RANGE = 20.0  # m/s, seen as 1
@@ -21,7 +21,8 @@ _USUAL = RoadOptions()
 class EgoModel:
     """Scales of an ego's observation and its speed control; by default those of the intersection.
 
-    Without `speeds` actions are something else than steps of a target speed.
+    Actions are steps of a target speed, of `speeds`, or continuous: their first value times
+    `acceleration` is an acceleration. With neither they are something else.
     """
 
     units: tuple[float, ...] = (POSITION_RANGE,) * 2 + (SPEED_RANGE,) * 2  # x, y, vx, vy seen as 1
@@ -29,6 +30,7 @@ class EgoModel:
     idle: int = 1  # action that changes nothing
     changes: tuple[int, ...] = (-1, 0, 1)  # of the number of the target speed, by action
     speeds: tuple[float, ...] = _USUAL.target_speeds  # m/s
+    acceleration: float = 0.0  # m/s² at a continuous action of 1; 0: they are discrete
     first: float = _USUAL.max_speed  # target speed at the begin of an episode, m/s
     sub_step: float = 1.0 / _USUAL.simulation_frequency  # s
     rate: int = _USUAL.policy_frequency  # decisions per second
@@ -60,6 +62,7 @@ class EgoModel:
             idle=actions.index("idle"),
             changes=tuple((name == "faster") - (name == "slower") for name in actions),
             speeds=() if options.continuous else options.target_speeds,
+            acceleration=ACCELERATION_RANGE[1] if options.continuous else 0.0,
             first=float(speeds[np.abs(speeds - entry).argmin()]),
             sub_step=1.0 / options.simulation_frequency,
             rate=options.policy_frequency,

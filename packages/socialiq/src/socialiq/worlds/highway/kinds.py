@@ -50,11 +50,13 @@ def kind_with(plain: type[RoadOptions], parts: tuple[type[Any], ...]) -> type[An
     if not parts:
         return plain
     named = {
-        kind.__bases__[0]: kind for kind in plain.__subclasses__() if kind.__bases__[1:] == (plain,)
+        kind.__bases__[0]: kind
+        for kind in plain.__subclasses__()
+        if kind.__bases__[1:] == (plain,) and kind.__module__ != __name__
     }
-    bases = tuple(named.get(part, part) for part in parts)
-    if not any(issubclass(base, plain) for base in bases):
-        bases = (*bases, plain)
+    # A part comes before the plain options, whose properties it replaces.
+    bases = tuple(part for part in parts if part not in named)
+    bases += tuple(named[part] for part in parts if part in named) or (plain,)
     if len(bases) == 1:
         return bases[0]
     for kind in bases[0].__subclasses__():

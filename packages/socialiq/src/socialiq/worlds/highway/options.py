@@ -17,7 +17,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.types import Ending
 from socialiq.worlds.highway import populations
 from socialiq.worlds.highway.populations import Driver
-from socialiq.worlds.road_users import CLASS, MOST_CLASSES, PERSON
+from socialiq.worlds.road_users import CLASS, MOST_AGENTS, MOST_CLASSES, PERSON
 
 Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
 Counted = Literal["all", "cross", "approaching"]
@@ -28,7 +28,6 @@ Frame = Literal["own", "world"]
 ContinuousActions = Literal["continuous", "continuous_steering"]
 
 MOST_SPEEDS = 8
-MOST_AGENTS = 16
 
 
 @dataclass(frozen=True)

@@ -192,16 +192,17 @@ def check_ways(name: str, crossings: Crossings, options: PeopleOptions) -> None:
             raise UserError(f"{name} has no {user.key}: {lacking[user.motion]}")
 
 
-def signals_of(options: PeopleOptions, buffers: Buffers) -> dict[str, np.ndarray]:
-    """Return the signals of the last decision.
+def signals_of(options: PeopleOptions, buffers: Buffers, agent: int) -> dict[str, np.ndarray]:
+    """Return the signals of an agent in the last decision.
 
     Args:
         options: Options of the scenario, whose `signals` are returned.
         buffers: Arrays of the batch, with PERSON records.
+        agent: Number of the agent, 0 for an ego.
 
     Returns:
         Each signal by its name, unweighted, (batch,): the seconds that people lose by waiting and
-        would not without the ego, the closest encounter with it, 0 to 1, and whether it hits a
+        would not without the agent, the closest encounter with it, 0 to 1, and whether it hits a
         person; of those who ride the speed too that they lose by braking for it, m/s.
     """
     signals = dict[str, Any]()
@@ -210,10 +211,10 @@ def signals_of(options: PeopleOptions, buffers: Buffers) -> dict[str, np.ndarray
         end = begin + options.arrivals(user)
         people = buffers.people[:, begin:end]
         values = {
-            "delay": people["delay"].sum(axis=1),
-            "encounter": people["encounter"].max(axis=1, initial=0.0),
-            "hit": people["hit"].any(axis=1).astype(np.float64),
-            "braking": people["lost_speed"].sum(axis=1),
+            "delay": people["delay"][..., agent].sum(axis=1),
+            "encounter": people["encounter"][..., agent].max(axis=1, initial=0.0),
+            "hit": (people["hit_by"] == agent).any(axis=1).astype(np.float64),
+            "braking": people["lost_speed"][..., agent].sum(axis=1),
         }
         signals |= {f"{user.name}_{what}": value for what, value in values.items()}
         begin = end

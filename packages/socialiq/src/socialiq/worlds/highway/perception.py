@@ -318,7 +318,8 @@ class FrontEnd:
 
         Args:
             memory: Memory that `see` returned, (batch, values).
-            action: Number of the action, float32 (batch, 1).
+            action: Number of the action, float32 (batch, 1), or values in [-1, 1], of which the
+                first is the acceleration.
             features: Length of an observation without the time.
             xp: Operations on arrays, in NumPy or as nodes of a graph.
 
@@ -329,15 +330,22 @@ class FrontEnd:
             return memory
         first = (features // ROW - 1) * TRACK + 1
         last = first + self.latency
+        change = self._change(action, xp)
+        parts = [(0, first), (first + 1, last)]
+        before = [xp.part(memory, *ends) for ends in parts if ends[1] > ends[0]]
+        after = [xp.part(memory, last, last + 2)] if self._in_ego_frame else []
+        return xp.joined([*before, change, *after])
+
+    def _change(self, action: Any, xp: Arrays) -> Any:
+        """Return an action as steps of the target speed, or as an acceleration in m/s²."""
+        if self.ego.acceleration:
+            return xp.part(action, 0, 1) * np.float32(self.ego.acceleration)
         changes = self.ego.changes
         change: Any = np.float32(changes[0])
         for number, (lower, upper) in enumerate(pairwise(changes), 1):
             if upper != lower:
                 change = change + np.float32(upper - lower) * xp.at_most(np.float32(number), action)
-        parts = [(0, first), (first + 1, last)]
-        before = [xp.part(memory, *ends) for ends in parts if ends[1] > ends[0]]
-        after = [xp.part(memory, last, last + 2)] if self._in_ego_frame else []
-        return xp.joined([*before, change, *after])
+        return change
 
     def _followed(self, sensed: Any, moved: Any, count: int, noise: Any, xp: Arrays) -> Any:
         """Return the tracks of vehicles that are sensed, then of those that are carried on."""
@@ -409,12 +417,13 @@ class FrontEnd:
         """Return ego and others at the time of an action's effect, and the next target speed.
 
         Others keep their velocity. The ego keeps its heading, and its speed follows the actions
-        that were decided, as highway-env's speed control does.
+        that were decided, as highway-env's speed control or its accelerations.
         """
         units = np.array(self.ego.units)
         along = xp.part(ego, 5, ROW)
         speed = xp.total(xp.part(ego, 3, 5) * (units[2:] / units[2]).astype(np.float32) * along, -1)
-        driven, now, after = self._controlled(speed * np.float32(units[2]), waiting, xp)
+        control = self._accelerated if self.ego.acceleration else self._controlled
+        driven, now, after = control(speed * np.float32(units[2]), waiting, xp)
         way = on * driven * along * (1.0 / units[:2]).astype(np.float32)
         velocity = on * now * along * (1.0 / units[2:]).astype(np.float32)
         velocity = velocity + (np.float32(1.0) - on) * xp.part(ego, 3, 5)
@@ -427,6 +436,18 @@ class FrontEnd:
             place = place - xp.limited(xp.part(vehicles, 0, 1), 0.0, 1.0) * way
         vehicles = xp.joined([xp.part(vehicles, 0, 1), place, xp.part(vehicles, 3, ROW)])
         return ego, vehicles, xp.shaped(after - np.float32(self.ego.first), 1)
+
+    def _accelerated(self, speed: Any, waiting: Any, xp: Arrays) -> tuple[Any, Any, Any]:
+        """Return the ego's way in m and its speed in m/s under accelerations; and no target."""
+        seconds = 1.0 / self.rate
+        share = 0.5 * seconds * (seconds - self.ego.sub_step)  # a sub-step moves, then accelerates
+        waiting = xp.shaped(waiting, 1, 1 + self.latency)
+        driven: Any = np.float32(0.0)
+        for number in range(self.latency):
+            acceleration = xp.part(waiting, 1 + number, 2 + number)
+            driven = driven + speed * np.float32(seconds) + acceleration * np.float32(share)
+            speed = speed + acceleration * np.float32(seconds)
+        return driven, speed, xp.part(waiting, 0, 1) + np.float32(self.ego.first)
 
     def _controlled(self, speed: Any, waiting: Any, xp: Arrays) -> tuple[Any, Any, Any]:
         """Return the ego's way in m, its speed, and the target after the next decision, in m/s."""

@@ -127,7 +127,14 @@ class Batch(RoadBatch):
         decisions = super()._decisions()
         if not self.walks:
             return decisions
-        signals = people.signals_of(self.walks, self.buffers)
+        of_agents = [
+            people.signals_of(self.walks, self.buffers, agent)
+            for agent in range(self.options.agents)
+        ]
+        signals = {
+            name: np.stack([of_agent[name] for of_agent in of_agents], axis=-1).reshape(self.shape)
+            for name in self.walks.signals
+        }
         rewards: RewardPair = people.by_class(
             self.walks, decisions.rewards, signals, self._by_class
         )

@@ -147,7 +147,8 @@ class ShiftedBatch(RoadBatch):
             features = true.shape[1]
             memory = self._memory[rows]
             if decided is not None:
-                memory = front.decided(memory, decided[rows, None].astype(np.float32), features)
+                actions = decided[rows].reshape(len(memory), -1).astype(np.float32)
+                memory = front.decided(memory, actions, features)
             known = self._is_late(rows), None
             if len(self._drawn) > 1:
                 noise = shifts.values_of(self._drawn, "noise", key)

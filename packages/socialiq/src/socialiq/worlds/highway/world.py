@@ -108,7 +108,7 @@ class RoadWorld(World):
 
         Raises:
             UserError: If a text is invalid, the road lacks what a shift changes, the shifts change
-                its options in several ways, or a front end predicts an ego without target speeds.
+                its options in several ways, or a front end can't predict the ego.
         """
         if not (text or front_end):
             return self
@@ -119,10 +119,10 @@ class RoadWorld(World):
         ego = dataclasses.replace(world.ego, decisions=self.ego.decisions)
         front = self.front_end and dataclasses.replace(self.front_end, ego=ego)
         front = FrontEnd.of(front_end, shifts, ego) if front_end else front
-        if front and front.latency and not ego.speeds:
+        if front and front.latency and not (ego.speeds or ego.acceleration):
             raise UserError(
-                f"a front end predicts an ego that steps through target speeds; the actions of "
-                f"{self.name} are others: leave out its latency"
+                f"a front end predicts an ego that steps through target speeds, or accelerates; "
+                f"the actions of {self.name} are others: leave out its latency"
             )
         return dataclasses.replace(cast(Any, world), shifts=faulty, front_end=front)
 

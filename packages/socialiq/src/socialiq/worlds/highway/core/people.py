@@ -32,6 +32,7 @@ from socialiq.worlds.road_users import (
     ABSENT,
     FIRST_CODE,
     GONE,
+    MOST_AGENTS,
     MOST_CLASSES,
     MOVING,
     ON_FOOT,
@@ -40,6 +41,7 @@ from socialiq.worlds.road_users import (
 )
 
 IDENTITY = 10_000  # of the first person
+NOBODY = -1  # number of no agent
 STANDS = 0.3  # m/s, of a vehicle that stands
 NEAR = 2.0  # s to contact below which an encounter is close
 
@@ -105,6 +107,7 @@ def schedule(episode, people, road, settings):
             person.free_speed = clip(pace, _SLOWEST[motion], _FASTEST[motion])
             person.accepted_gap = max(gap, table.least_gap)
             person.hit = False
+            person.hit_by = -1
             _begin(person, road.crossings.ways[person.way])
             number += 1
 
@@ -118,9 +121,9 @@ def _begin(person, way):
     person.along_y = way.along_y
     person.x = way.x - way.along_x * way.half
     person.y = way.y - way.along_y * way.half
-    person.delay = 0.0
-    person.encounter = 0.0
-    person.lost_speed = 0.0
+    person.delay[:] = 0.0
+    person.encounter[:] = 0.0
+    person.lost_speed[:] = 0.0
 
 
 @kernel
@@ -206,13 +209,11 @@ def _brake(vehicle, people, road):
 
 
 @inlined_kernel
-def _to_coming(person, vehicle, road, seconds, skips_agents):
+def _to_coming(person, vehicle, road, seconds):
     """Return a person's metres to the lane of a vehicle that is on its way, or soon will be.
 
     The result is -inf for a vehicle that is not on the person's way within the seconds.
     """
-    if skips_agents and vehicle.agent >= 0:
-        return -np.inf
     ahead, to_lane = to_meeting(vehicle, person, road)
     gap = ahead - _REACH
     if ahead < -_REACH:
@@ -223,8 +224,8 @@ def _to_coming(person, vehicle, road, seconds, skips_agents):
 
 
 @kernel
-def _is_held(person, vehicles, count, road, skips_agents, settings):
-    """Whether a person waits or stops for a vehicle, agents left out if `skips_agents`.
+def _is_held(person, vehicles, count, road, absent, settings):
+    """Whether a person waits or stops for a vehicle, that of the agent `absent` left out.
 
     Before its line it waits for a gap; behind it, it stops for a vehicle that is on its way or will
     be at once.
@@ -235,7 +236,9 @@ def _is_held(person, vehicles, count, road, skips_agents, settings):
     need = person.accepted_gap - table.impatience * person.waited
     need = max(need, table.least_gap) if waits else _GLANCE[motion]
     for slot in range(count):
-        to_lane = _to_coming(person, vehicles[slot], road, need, skips_agents)
+        if absent >= 0 and vehicles[slot].agent == absent:
+            continue
+        to_lane = _to_coming(person, vehicles[slot], road, need)
         if to_lane > -np.inf and (waits or 0.0 < to_lane - _STRIP[motion] < _LOOK[motion]):
             return True
     return False
@@ -252,7 +255,8 @@ def _meet(episode, person, vehicle, road):
     if ahead > 0.0 and abs(to_lane) < _STRIP[motion] + _MARGIN[motion]:
         seconds = max(ahead - VEHICLE_LENGTH / 2 - radius, 0.0) / max(speed, 0.1)
         closeness = clip(1.0 - seconds / NEAR, 0.0, 1.0)
-        person.encounter = max(person.encounter, closeness)
+        number = vehicle.agent
+        person.encounter[number] = max(person.encounter[number], closeness)
     dx = person.x - vehicle.x
     dy = person.y - vehicle.y
     along = abs(dx * vehicle.along_x + dy * vehicle.along_y)
@@ -265,6 +269,7 @@ def _meet(episode, person, vehicle, road):
     wide = VEHICLE_WIDTH / 2 + radius
     if along < long and aside < wide and speed > STANDS:
         person.hit = True
+        person.hit_by = vehicle.agent
         vehicle.crashed = True
         person.state = GONE
         episode.contact[vehicle.agent] = _STRUCK
@@ -321,9 +326,13 @@ def walk(episode, vehicles, people, road, settings):
             if person.speed > fastest:
                 continue
             person.state = WAITING
-        held = _is_held(person, vehicles, count, road, False, settings)
-        by_ego = held and not _is_held(person, vehicles, count, road, True, settings)
-        _advance(person, way, held, by_ego, fastest, dt)
+        held = _is_held(person, vehicles, count, road, NOBODY, settings)
+        holding = 0  # one bit per agent without which the person would go on
+        if held:
+            for number in range(settings.agents):
+                if not _is_held(person, vehicles, count, road, number, settings):
+                    holding |= 1 << number
+        _advance(person, way, held, holding, fastest, dt)
         for number in range(settings.agents):
             ego = episode.controlled[number]
             if ego >= 0 and not vehicles[ego].crashed:
@@ -333,11 +342,11 @@ def walk(episode, vehicles, people, road, settings):
 
 
 @kernel
-def _advance(person, way, held, by_ego, fastest, dt):
-    """Move a person by a sub-step, and count what it loses.
+def _advance(person, way, held, holding, fastest, dt):
+    """Move a person by a sub-step, and count what it loses by each agent.
 
-    `held` is whether it waits or stops, `by_ego` whether it would not without agents, and `fastest`
-    the largest speed, m/s.
+    `held` is whether it waits or stops, `holding` has a bit for each agent without which it would
+    not, and `fastest` is the largest speed, m/s.
     """
     motion = person.motion
     before = person.speed
@@ -356,8 +365,10 @@ def _advance(person, way, held, by_ego, fastest, dt):
     if held:
         lost = dt * (1.0 - person.speed / person.free_speed)
         person.waited += lost
-        person.delay += lost if by_ego else 0.0
-        person.lost_speed += max(before - person.speed, 0.0) if by_ego else 0.0
+        for number in range(MOST_AGENTS):
+            if holding >> number & 1:
+                person.delay[number] += lost
+                person.lost_speed[number] += max(before - person.speed, 0.0)
     person.x += person.along_x * person.speed * dt
     person.y += person.along_y * person.speed * dt
 
