@@ -147,13 +147,26 @@ def test_faults_are_those_of_every_road(world, world_file, shift):
     np.testing.assert_array_equal(env.reset(seed=3)[0], again.reset(range(6))[3])
 
 
-@pytest.mark.parametrize(
-    ("shift", "front_end", "words"),
-    [("dense", "", "no option initial_vehicle_count"), ("late", "known", "leave out its latency")],
-)
-def test_what_a_recording_fixes_is_refused(world, shift, front_end, words):
-    with pytest.raises(UserError, match=words):
-        world.shifted(shift, front_end)
+def test_what_a_recording_fixes_is_refused(world):
+    with pytest.raises(UserError, match="no option initial_vehicle_count"):
+        world.shifted("dense")
+
+
+def test_a_front_end_predicts_the_speed_by_accelerations(world):
+    idle = world.config.levels.index(0.0)
+    late = world.shifted("late", "latency=1").batch(6)
+    plain = world.batch(6)
+    late.reset(np.arange(6))
+    plain.reset(np.arange(6))
+    plain.step(np.full(6, idle), auto_reset=False)
+    for action in (0, idle, len(world.config.levels) - 1):
+        late.step(np.full(6, action), auto_reset=False, rows=late.running)
+        plain.step(np.full(6, action), auto_reset=False, rows=plain.running)
+        driving = late.running & plain.running
+        assert driving.any()
+        predicted = np.hypot(late.observation[driving, 3], late.observation[driving, 4])
+        reached = np.hypot(plain.observation[driving, 3], plain.observation[driving, 4])
+        np.testing.assert_allclose(predicted, reached, atol=1e-5)
 
 
 def test_the_grammar_takes_faults_of_a_file_and_no_options(world, world_file):

@@ -54,8 +54,7 @@ def refusal(command, text):
         reasons |= {"profile new": "", "effects": "is of a road as the world"}
         return reasons.get(command, NO_RULES)
     if command == "population":
-        several = written.walks or written.caused
-        return "set agents=1" if several else ""
+        return "set agents=1" if written.caused else ""
     if fleet:
         return "agents are driven by `socialiq population`"
     return ""

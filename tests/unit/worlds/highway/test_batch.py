@@ -108,7 +108,7 @@ def test_gymnasium_accepts_it(name):
         (lambda batch: batch.step([1]), "2 whole numbers"),
         (lambda batch: batch.reset(-1), "at least 0"),
         (lambda _: world_of("merge").batch(0), "size must be at least 1"),
-        (lambda _: world_of("merge", population="thesis"), "unknown option of merge 'population'"),
+        (lambda _: world_of("merge", spawns=2), "unknown option of merge 'spawns'"),
         (lambda _: world_of("merge", duration=-1.0), "duration must be a positive number"),
     ],
 )

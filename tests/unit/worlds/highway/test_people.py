@@ -5,6 +5,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import play
+from socialiq.types import Ending
 from socialiq.worlds import grammar
 from socialiq.worlds.highway.people import PeopleOptions
 from socialiq.worlds.road_users import GONE, MOVING
@@ -69,3 +70,45 @@ def test_people_cross_the_mirror_image_in_the_same_way(road):
 def test_a_road_without_bicycle_lanes_refuses_cyclists():
     with pytest.raises(UserError, match="has no cyclists: it has no bicycle lanes"):
         grammar.build("roundabout,cyclists=0.1")
+
+
+@pytest.mark.parametrize("road", ["intersection", "road,seed=2"])
+def test_each_agent_counts_what_it_does_to_people(road):
+    batch = grammar.build(f"{road},people=0.3,agents=3").batch(len(SEEDS))
+    batch.reset(SEEDS)
+    random = np.random.default_rng(0)
+    delays = np.zeros(batch.shape)
+    hits = np.zeros(batch.shape, bool)
+    while batch.running.any():
+        driving = batch.driving
+        actions = random.integers(0, batch.n_actions, batch.shape)
+        decided = batch.step(actions, auto_reset=False, rows=batch.running)
+        hit = (decided.signals["pedestrian_hit"] > 0) & driving
+        assert (decided.ending[hit] == int(Ending.COLLISION)).all()
+        weights = batch.options.pedestrian_hit_weight * np.sqrt(0.5)
+        assert (decided.rewards.social[hit] < 0.9 * weights).all()
+        delays += np.where(driving, decided.signals["pedestrian_delay"], 0.0)
+        hits |= hit
+    assert (delays.sum(axis=0) > 0).all()
+    assert hits.any() and not hits.all(axis=1).any()
+
+
+def test_agents_account_for_more_of_the_waiting_than_one_ego_and_never_for_all():
+    """A person is charged to an agent if it would go on without this agent alone."""
+    worlds = {
+        agents: grammar.build(f"intersection,people=0.3,agents={agents}") for agents in (1, 4)
+    }
+    delays = {}
+    for agents, world in worlds.items():
+        batch = world.batch(len(SEEDS))
+        batch.reset(SEEDS)
+        lost = np.zeros((len(SEEDS), agents))
+        waited = batch.buffers.people["waited"].sum()
+        for _ in range(6):
+            decided = batch.step(
+                np.ones(batch.shape, np.int64), auto_reset=False, rows=batch.running
+            )
+            lost += decided.signals["pedestrian_delay"].reshape(len(SEEDS), -1)
+        waited = batch.buffers.people["waited"].sum() - waited
+        delays[agents] = lost.sum() / waited
+    assert 0 < delays[1] < delays[4] < 1

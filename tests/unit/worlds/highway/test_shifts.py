@@ -13,6 +13,7 @@ from socialiq.storage import packaged_results
 from socialiq.worlds import registry
 from socialiq.worlds.highway import shifts
 from socialiq.worlds.highway.ego import EgoModel
+from socialiq.worlds.highway.options import settings_of
 from socialiq.worlds.highway.scene_batch import Batch
 from socialiq.worlds.highway.shifted import Faults, ShiftedBatch, over
 from socialiq.worlds.highway.shifts import Shift, shift_of, with_faults
@@ -37,7 +38,8 @@ def rows_of(*vehicles):
 def test_texts_name_shifts_and_values():
     assert shift_of("late,noise=2") == Shift(latency=1, noise=2.0)
     assert str(shift_of("unseen-30,exit=right")) == "unseen=0.3,exit=right"
-    assert str(shift_of("")) == "none" and not Shift().has_faults and not Shift().options
+    assert str(shift_of("")) == "none" and not Shift().has_faults
+    assert not Shift().options_of((0.0, 4.5, 9.0))
     assert all(shift_of(name) == shift for name, shift in shifts.SHIFTS.items())
 
 
@@ -202,8 +204,15 @@ def test_continuous_actions_are_late_too():
     batch.reset(SEEDS[:3]), plain.reset(SEEDS[:3])
     batch.step(np.ones((3, 1), np.float32)), plain.step(np.zeros((3, 1), np.float32))
     np.testing.assert_array_equal(batch.observation, plain.observation)
-    with pytest.raises(UserError, match="leave out its latency"):
-        registry.make("intersection-continuous", front_end="latency=1")
+
+
+def test_a_wet_road_has_smaller_steps_and_half_the_accelerations_of_its_own_drivers():
+    merge, wet = registry.make("merge"), registry.make("merge", shift="wet")
+    assert wet.options.target_speeds == pytest.approx((20.0, 70 / 3, 80 / 3, 30.0))
+    dry, halved = (settings_of(world.options, 20.0)[0]["population"] for world in (merge, wet))
+    np.testing.assert_array_equal(halved[:3], dry[:3])
+    np.testing.assert_array_equal(halved[3:], dry[3:] / 2)
+    assert Shift(wet=True).options_of((0.0, 4.5, 9.0))["target_speeds"] == (0.0, 3.0, 6.0, 9.0)
 
 
 def test_a_dial_of_more_times_acts_as_before():

@@ -77,7 +77,7 @@ def test_defaults_are_the_thesis_scenario():
         ({"progress_unit": 0.0}, "progress_unit must be positive, got 0.0"),
         ({"conflict_distance": -20.0}, "conflict_distance must be positive, got -20.0"),
         ({"speed_cap": 0.0}, "speed_cap must be positive, got 0.0"),
-        ({"population": "timid"}, "'timid': choose one of highway_env, thesis"),
+        ({"population": "timid"}, "'timid'.*: choose one of highway_env, thesis"),
         ({"zone": "first_20_m"}, "'first_20_m'.*: choose one of last_20_m, last_8_m"),
         ({"counted": "none"}, "'none'.*: choose one of all, cross, approaching"),
         ({"disruption": "x"}, "'x'.*: choose one of dead_zone, literal"),

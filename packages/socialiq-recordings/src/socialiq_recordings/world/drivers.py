@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from socialiq.types import Row
-from socialiq.worlds.intersection.options import Normal
+from socialiq.worlds.highway.populations import Normal
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.measures import gaps, pet
 from socialiq_recordings.conflicts.ways import Way, leader, on_way

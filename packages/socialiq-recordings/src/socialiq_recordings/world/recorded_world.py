@@ -18,6 +18,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.ego import EgoModel
+from socialiq.worlds.highway.options import MAX_SPEED
 from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.highway.shifts import OR, Shift
 from socialiq.worlds.highway.world import RoadWorld
@@ -120,7 +121,9 @@ class RecordedWorld(RoadWorld):
         options = self.options
         return EgoModel(
             idle=self.config.levels.index(0.0),
-            speeds=(),
+            changes=self.config.levels,
+            accelerates=True,
+            speeds=(0.0, MAX_SPEED),
             sub_step=1.0 / SUB_STEPS,
             rate=options.policy_frequency,
             decisions=options.decisions,

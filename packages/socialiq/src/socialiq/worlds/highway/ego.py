@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.worlds.highway.options import ACCELERATION_RANGE, RoadOptions
+from socialiq.worlds.highway.options import ACCELERATION_RANGE, MAX_SPEED, RoadOptions
 
 POSITION_RANGE = 100.0  # m, seen as 1
 SPEED_RANGE = 20.0  # m/s, seen as 1
@@ -21,16 +21,18 @@ _USUAL = RoadOptions()
 class EgoModel:
     """Scales of an ego's observation and its speed control; by default those of the intersection.
 
-    Actions are steps of a target speed, of `speeds`, or continuous: their first value times
-    `acceleration` is an acceleration. With neither they are something else.
+    Actions are steps between the target speeds `speeds`. Of an ego that accelerates they are
+    accelerations between the two speeds `speeds`; a single number in `changes` is then the
+    acceleration at a continuous action of 1.
     """
 
     units: tuple[float, ...] = (POSITION_RANGE,) * 2 + (SPEED_RANGE,) * 2  # x, y, vx, vy seen as 1
     relative: bool = False  # whether rows of others are relative to the ego
     idle: int = 1  # action that changes nothing
-    changes: tuple[int, ...] = (-1, 0, 1)  # of the number of the target speed, by action
+    # of the number of the target speed, or m/s², by action
+    changes: tuple[float, ...] = (-1.0, 0.0, 1.0)
+    accelerates: bool = False
     speeds: tuple[float, ...] = _USUAL.target_speeds  # m/s
-    acceleration: float = 0.0  # m/s² at a continuous action of 1; 0: they are discrete
     first: float = _USUAL.max_speed  # target speed at the begin of an episode, m/s
     sub_step: float = 1.0 / _USUAL.simulation_frequency  # s
     rate: int = _USUAL.policy_frequency  # decisions per second
@@ -56,13 +58,14 @@ class EgoModel:
         """
         scale: Any = sight[0]
         speeds = np.array(options.target_speeds)
+        steps = tuple(float(name == "faster") - float(name == "slower") for name in actions)
         return EgoModel(
             units=tuple(float(scale[name]) for name in ("x", "y", "vx", "vy")),
             relative=bool(scale["relative"]),
             idle=actions.index("idle"),
-            changes=tuple((name == "faster") - (name == "slower") for name in actions),
-            speeds=() if options.continuous else options.target_speeds,
-            acceleration=ACCELERATION_RANGE[1] if options.continuous else 0.0,
+            changes=ACCELERATION_RANGE[1:] if options.continuous else steps,
+            accelerates=options.continuous,
+            speeds=(-MAX_SPEED, MAX_SPEED) if options.continuous else options.target_speeds,
             first=float(speeds[np.abs(speeds - entry).argmin()]),
             sub_step=1.0 / options.simulation_frequency,
             rate=options.policy_frequency,

@@ -302,7 +302,7 @@ SETTINGS = np.dtype(
 
 
 DRIVER = Driver(
-    speed_limit=30.0,
+    speed_limit=20.0,
     time_headway=1.5,
     jam_distance=10.0,
     max_acceleration=3.0,

@@ -338,9 +338,9 @@ class FrontEnd:
 
     def _change(self, action: Any, xp: Arrays) -> Any:
         """Return an action as steps of the target speed, or as an acceleration in m/s²."""
-        if self.ego.acceleration:
-            return xp.part(action, 0, 1) * np.float32(self.ego.acceleration)
         changes = self.ego.changes
+        if len(changes) == 1:
+            return xp.part(action, 0, 1) * np.float32(changes[0])
         change: Any = np.float32(changes[0])
         for number, (lower, upper) in enumerate(pairwise(changes), 1):
             if upper != lower:
@@ -422,7 +422,7 @@ class FrontEnd:
         units = np.array(self.ego.units)
         along = xp.part(ego, 5, ROW)
         speed = xp.total(xp.part(ego, 3, 5) * (units[2:] / units[2]).astype(np.float32) * along, -1)
-        control = self._accelerated if self.ego.acceleration else self._controlled
+        control = self._accelerated if self.ego.accelerates else self._controlled
         driven, now, after = control(speed * np.float32(units[2]), waiting, xp)
         way = on * driven * along * (1.0 / units[:2]).astype(np.float32)
         velocity = on * now * along * (1.0 / units[2:]).astype(np.float32)
@@ -440,13 +440,15 @@ class FrontEnd:
     def _accelerated(self, speed: Any, waiting: Any, xp: Arrays) -> tuple[Any, Any, Any]:
         """Return the ego's way in m and its speed in m/s under accelerations; and no target."""
         seconds = 1.0 / self.rate
-        share = 0.5 * seconds * (seconds - self.ego.sub_step)  # a sub-step moves, then accelerates
+        share = 0.5 * (seconds - self.ego.sub_step)  # a sub-step moves, then accelerates
+        slowest, *_, fastest = self.ego.speeds
         waiting = xp.shaped(waiting, 1, 1 + self.latency)
         driven: Any = np.float32(0.0)
         for number in range(self.latency):
             acceleration = xp.part(waiting, 1 + number, 2 + number)
-            driven = driven + speed * np.float32(seconds) + acceleration * np.float32(share)
-            speed = speed + acceleration * np.float32(seconds)
+            reached = xp.limited(speed + acceleration * np.float32(seconds), slowest, fastest)
+            driven = driven + speed * np.float32(seconds) + (reached - speed) * np.float32(share)
+            speed = reached
         return driven, speed, xp.part(waiting, 0, 1) + np.float32(self.ego.first)
 
     def _controlled(self, speed: Any, waiting: Any, xp: Arrays) -> tuple[Any, Any, Any]:

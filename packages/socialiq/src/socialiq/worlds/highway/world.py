@@ -107,8 +107,8 @@ class RoadWorld(World):
             front_end: Front end as for `FrontEnd.of`; "" leaves that of the road.
 
         Raises:
-            UserError: If a text is invalid, the road lacks what a shift changes, the shifts change
-                its options in several ways, or a front end can't predict the ego.
+            UserError: If a text is invalid, the road lacks what a shift changes, or the shifts
+                change its options in several ways.
         """
         if not (text or front_end):
             return self
@@ -119,11 +119,6 @@ class RoadWorld(World):
         ego = dataclasses.replace(world.ego, decisions=self.ego.decisions)
         front = self.front_end and dataclasses.replace(self.front_end, ego=ego)
         front = FrontEnd.of(front_end, shifts, ego) if front_end else front
-        if front and front.latency and not (ego.speeds or ego.acceleration):
-            raise UserError(
-                f"a front end predicts an ego that steps through target speeds, or accelerates; "
-                f"the actions of {self.name} are others: leave out its latency"
-            )
         return dataclasses.replace(cast(Any, world), shifts=faulty, front_end=front)
 
     def _with_options(self: Road, shifts: Sequence[Shift]) -> Road:
