@@ -20,13 +20,11 @@ from socialiq.audit.look import Look, Opened, Plan, commit, open_look, record
 from socialiq.audit.profile.profile import Traffic, other_traffic
 from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
-from socialiq.audit.request import Request, Trust, command_of, resolve_policy
+from socialiq.audit.report.folder import REPORT, files_of, write_folder
+from socialiq.audit.request import Request, command_of, resolve_policy
 from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
-from socialiq.isolation import IsolationMode
 from socialiq.learners.callbacks import Report
-from socialiq.reading import path_of
 
 Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress of something
 
@@ -190,63 +188,6 @@ def _audited(
         command=command_of(request, draw.seed),
         started=started,
     )
-
-
-def audit_policy(
-    policy: str | Path,
-    profile: str | Path,
-    out: str | Path,
-    episodes: int = 1000,
-    seed: int | None = None,
-    references: Sequence[str | Path] = (),
-    allow_code: bool = False,
-    replace: bool = False,
-    log: str | Path | None = None,
-    no_log: bool = False,
-    isolation: IsolationMode = "auto",
-    files: Sequence[str | Path] = (),
-) -> dict[str, Any]:
-    """Audit a policy against its declaration and write the report, as `socialiq audit` does.
-
-    Args:
-        policy: A file, "python:FILE.py:NAME", "process:COMMAND LINE", atlas:NAME, or at the
-            intersection a rule-based driver.
-        profile: File of the declaration: the `source` of the result of `declare`.
-        out: Folder to write.
-        episodes: Number of episodes of every driver.
-        seed: Seed of a trial or a repetition, which no log keeps; by default drawn after policy and
-            declaration were hashed.
-        references: Further drivers to compare with; in an environment at least one.
-        allow_code: Whether named Python modules may run without isolation, and an environment's
-            module may be imported.
-        replace: Whether an earlier report in the folder is replaced.
-        log: Folder of the audit log; by default `audit-log` in the folder of `out`, none with a
-            seed.
-        no_log: Whether to keep no log.
-        isolation: Isolation of processes and Python modules: where bubblewrap works, always, never.
-        files: Further files and folders of these, which their hash covers.
-
-    Returns:
-        Content of `report.json`: `["verdict"]["decision"]` is pass, fail or inconclusive.
-
-    Raises:
-        UserError: If the request is invalid, or the policy fails on the way.
-    """
-    out = path_of(out)
-    log = None if log is None else path_of(log)
-    check_target(out, replace)
-    request = Request(
-        str(policy),
-        path_of(profile),
-        episodes,
-        seed,
-        tuple(map(str, references)),
-        trust=Trust(allow_code, isolation=isolation, files=tuple(map(str, files))),
-        log=log_folder(out, log, no_log, seed),
-    )
-    done = conduct(request, lambda _line: None)
-    done.write(out, replace)
-    return done.report
 
 
 def log_folder(out: Path, log: Path | None, no_log: bool, seed: int | None) -> Path | None:
