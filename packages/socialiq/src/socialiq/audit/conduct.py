@@ -7,9 +7,8 @@ import dataclasses
 import datetime
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from socialiq.audit.evidence import replay
 from socialiq.audit.evidence.collect import Collection
@@ -25,6 +24,7 @@ from socialiq.audit.request import Request, command_of, resolve_policy
 from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Report
+from socialiq.types import Json
 
 Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress of something
 
@@ -33,7 +33,7 @@ Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress
 class Conducted:
     """A finished audit."""
 
-    report: dict[str, Any]  # content of `report.json`
+    report: Json  # content of `report.json`
     audited: Audited  # what it was made from
     log: Path | None  # folder of the audit log
 
@@ -57,7 +57,7 @@ class Conducted:
             record(self.log, Subject.of(profile), look, decision, sha256)
 
 
-def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
+def commit_to(request: Request, source: Json) -> Look:
     """Commit to policy and declaration of a later audit, which has a log, before its seed is known.
 
     Args:

@@ -14,18 +14,20 @@ import json
 import os
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import filelock
 
 from socialiq.audit.profile.profile import Profile
 from socialiq.errors import UserError
 from socialiq.reading import open_file
+from socialiq.types import Json
 
-Entry = Mapping[str, Any]
+Entry = Json
 """One line: number, kind, time, previous, sha256, and the fields of its kind."""
 
 COMMITMENT = "commitment"
@@ -90,16 +92,16 @@ class Subject(NamedTuple):
         return paths[0] if paths else folder / f"{plain}{ending}"
 
 
+@dataclass(frozen=True)
 class AuditLog:
     """Lines of a log that were read and checked; `locked` alone gives one that may be extended.
 
     The first line follows the hash of the subject.
     """
 
-    def __init__(self, path: Path, subject_sha256: str, entries: list[Entry]) -> None:
-        self.path = path
-        self.subject_sha256 = subject_sha256
-        self.entries = entries
+    path: Path
+    subject_sha256: str
+    entries: list[Entry]
 
     @property
     def head(self) -> str:
@@ -134,7 +136,7 @@ class AuditLog:
         entries = (entry for entry in self.entries if entry["kind"] == kind)
         return next((entry for entry in entries if entry["commitment"] == commitment), None)
 
-    def append(self, kind: str, fields: Mapping[str, Any]) -> Entry:
+    def append(self, kind: str, fields: Json) -> Entry:
         """Write one more line; it is on the disk when this returns.
 
         Args:

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -13,7 +13,7 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError
-from socialiq.types import Row
+from socialiq.types import Json, Row
 
 STATUS = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
@@ -68,7 +68,7 @@ class Across(Printing):
         return STATUS[decision]
 
 
-_IDENTITIES: dict[str, Any] = {
+_IDENTITIES: Json = {
     "policy": lambda report: (report["hashes"]["policy"], report["policy"]["deterministic"]),
     "declared angle": lambda report: [
         report["declaration"].get(name) for name in ("angle", "angle_rule")
@@ -76,7 +76,7 @@ _IDENTITIES: dict[str, Any] = {
 }
 
 
-def _row(folder: Path, report: dict[str, Any]) -> Row:
+def _row(folder: Path, report: Json) -> Row:
     scenario = report["declaration"]["scenario"]
     look = report["look"]
     options = ", ".join(f"{name} {value}" for name, value in scenario["options"].items())

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
 from socialiq.evaluation.measures import Episodes, joined
@@ -200,6 +201,11 @@ CRITERIA = {
     "timeout": "runs out of time",
 }
 """Criteria of the safety floor, and the event that each counts, in the words of reports."""
+
+
+def criterion(name: str) -> str:
+    """Return what a driver does by the name of a criterion, or of an effect that has a bound."""
+    return CRITERIA.get(name) or QUANTITIES[name].words
 
 
 def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:

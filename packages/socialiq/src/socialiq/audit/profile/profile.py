@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from socialiq.evaluation.effects import IN_SUMO, QUANTITIES
 from socialiq.foreign import one_line
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
+from socialiq.types import Json
 from socialiq.worlds import IDS, OLD_IDS
 from socialiq.worlds.catalogue import (
     GRIDS,
@@ -46,7 +47,7 @@ def is_recorded(name: str) -> bool:
     return name.endswith(WORLD_SUFFIX)
 
 
-def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
+def world_of(name: str, options: Json, allow_code: bool = False) -> World:
     """Build a world from unchecked values of a file: its name, or a file of a recorded junction.
 
     Args:
@@ -114,7 +115,7 @@ def identity(world: World) -> dict[str, str]:
     }
 
 
-def check_options(options: Mapping[str, Any]) -> None:
+def check_options(options: Json) -> None:
     """Check that options of an environment, whose types are not known, have a moderate size.
 
     Raises:
@@ -207,7 +208,7 @@ class Scenario:
     """Scenario of the audit: world, options that differ from the defaults, SHA-256."""
 
     world: str
-    options: Mapping[str, Any]
+    options: Json
     sha256: str
 
 
@@ -337,7 +338,7 @@ class Traffic(NamedTuple):
     """Another traffic in the declared world, by the options that differ from the declaration's."""
 
     name: str
-    options: Mapping[str, Any]
+    options: Json
     world: World
 
 

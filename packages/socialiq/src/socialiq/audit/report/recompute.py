@@ -33,7 +33,7 @@ from socialiq.audit.request import is_itself
 from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, episode_seeds
 from socialiq.errors import UserError
 from socialiq.to_json import to_json
-from socialiq.types import RewardPair
+from socialiq.types import Json, RewardPair
 
 TOLERANCE = 1e-9
 """Largest relative difference of a recomputed number, for which see `differences_of`."""
@@ -43,7 +43,7 @@ _CLAIMED = frozenset(
 )
 
 
-def opened_of(report: Mapping[str, Any]) -> Opened:
+def opened_of(report: Json) -> Opened:
     """Return the seed and the look of a report."""
     seeds = report["seeds"]
     hashes = report["hashes"]
@@ -57,7 +57,7 @@ def opened_of(report: Mapping[str, Any]) -> Opened:
     return Opened(Draw(commitment, seeds["seed"], seeds["source"], revealed), look)
 
 
-def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
+def faults_of_seeds(report: Json) -> list[str]:
     """Return the contradictions of a report about commitment, seed and look.
 
     Raises:
@@ -94,7 +94,7 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def differences_of(audited: Audited, report: Mapping[str, Any]) -> list[str]:
+def differences_of(audited: Audited, report: Json) -> list[str]:
     """Return the places where a report differs from what follows from its data (`audited_of`).
 
     Texts, decisions and counts must be equal. Other numbers may differ by `TOLERANCE`: another
@@ -112,7 +112,7 @@ def differences_of(audited: Audited, report: Mapping[str, Any]) -> list[str]:
     return differences(report, fresh, _CLAIMED, TOLERANCE)
 
 
-def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited:
+def audited_of(files: Mapping[str, bytes], report: Json) -> Audited:
     """Return the data of the audit that a report's files hold, by path; times are this process's.
 
     Raises:
@@ -151,7 +151,7 @@ def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited
     )
 
 
-def named_in(report: Mapping[str, Any]) -> tuple[str, ...] | None:
+def named_in(report: Json) -> tuple[str, ...] | None:
     """Return the shifts that a report names, none for other traffic; None if it has neither."""
     rows = report["shift"]["traffic"] if report["shift"] else ()
     named = (row["options"]["shift"] for row in rows if "shift" in row["options"])
@@ -160,7 +160,7 @@ def named_in(report: Mapping[str, Any]) -> tuple[str, ...] | None:
 
 def _evidence_of(
     files: Mapping[str, bytes],
-    report: Mapping[str, Any],
+    report: Json,
     profile: Profile,
     draw: Draw,
     traffic: Sequence[Traffic],

@@ -8,7 +8,7 @@ whose driving depends on the order of the episodes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
 from socialiq.statistics.intervals import Share, wilson
-from socialiq.types import RewardPair
+from socialiq.types import Json, RewardPair
 from socialiq.worlds.catalogue import INTERSECTION, base
 
 MEASURES = ("regret", *CRITERIA)
@@ -55,7 +55,7 @@ class Shift:
     """Result of one other traffic."""
 
     name: str  # of the traffic
-    options: Mapping[str, Any]  # options of the world that differ from the declaration's
+    options: Json  # options of the world that differ from the declaration's
     scenario_sha256: str
     episodes: int  # number of episodes; they are others than in the declared traffic
     decision: Decision  # decision by the declared margin and floor there
