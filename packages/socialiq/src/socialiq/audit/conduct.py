@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
-import hashlib
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ from socialiq.audit.request import Request, command_of, resolve_policy
 from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Report
+from socialiq.reading import sha256_of
 from socialiq.types import Json
 
 Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress of something
@@ -53,7 +53,7 @@ class Conducted:
         write_folder(out, files, replace)
         if self.log is not None and look is not None:
             decision = self.report["verdict"]["decision"]
-            sha256 = hashlib.sha256(files[REPORT]).hexdigest()
+            sha256 = sha256_of(files[REPORT])
             record(self.log, Subject.of(profile), look, decision, sha256)
 
 

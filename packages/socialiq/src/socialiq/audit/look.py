@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import secrets
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from socialiq.audit.log import AuditLog, Entry, Subject, now
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, Round
 from socialiq.errors import UserError
+from socialiq.reading import sha256_of
 from socialiq.types import Json
 
 SMALLEST_ERROR = 1e-4
@@ -179,7 +179,7 @@ def reveal(commitment: Commitment, entry_sha256: str, revealed: Nonce | Round) -
     nonce = isinstance(revealed, Nonce)
     secret = revealed.value if nonce else revealed.randomness
     purpose = f"socialiq audit, seed of a {'nonce' if nonce else 'beacon'} 1"
-    sha256 = hashlib.sha256(f"{purpose}\n{entry_sha256}\n{secret}\n".encode()).hexdigest()
+    sha256 = sha256_of(f"{purpose}\n{entry_sha256}\n{secret}\n")
     seed = int(sha256, 16) % (LARGEST_SEED + 1)
     return Draw(commitment, seed, "auditor's nonce" if nonce else "beacon", revealed)
 

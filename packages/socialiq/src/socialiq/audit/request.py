@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import hashlib
 import itertools
 import shlex
 from collections.abc import Sequence
@@ -33,6 +32,7 @@ from socialiq.policies.drivers import (
 from socialiq.policies.interface import Interface, Loaded
 from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process import GIB, Limits
+from socialiq.reading import sha256_of
 from socialiq.storage import kind_of, packaged_results
 from socialiq.types import Json, Row
 from socialiq.worlds.intersection import atlas
@@ -303,7 +303,7 @@ def _turned(path: Path, prefix: str, angles: Sequence[float], world: World) -> l
     for angle in angles:
         loaded = _file(str(path), world, angle, Trust())
         # One file, several drivers: the hash covers the angle too.
-        sha256 = hashlib.sha256(f"{loaded.record.sha256}@{angle:g}".encode()).hexdigest()
+        sha256 = sha256_of(f"{loaded.record.sha256}@{angle:g}")
         record = {**loaded.record.as_json(), "sha256": sha256}
         drivers.append((Reference(f"{prefix}{angle:g}", loaded.policy, angle), record))
     return drivers

@@ -8,14 +8,13 @@ from typing import Annotated
 import tyro
 
 from socialiq.audit.report import verify
+from socialiq.audit.report.content import EXIT_CODES
 from socialiq.audit.report.folder import REPORT
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError
 from socialiq.types import Json, Row
-
-STATUS = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class Across(Printing):
         result = {"decision": decision.value, "error": round(error, 9), "scenarios": rows}
         if self.json:
             print_json(result | {"without_log": unlogged})
-            return STATUS[decision]
+            return EXIT_CODES[decision]
         print_table(rows)
         sys.stdout.write(
             f"{decision.headline} across {len(rows)} scenarios; who is not as declared in one of "
@@ -65,7 +64,7 @@ class Across(Printing):
         )
         if unlogged:
             sys.stdout.write(f"Without a log earlier tries aren't counted: {', '.join(unlogged)}\n")
-        return STATUS[decision]
+        return EXIT_CODES[decision]
 
 
 _IDENTITIES: Json = {

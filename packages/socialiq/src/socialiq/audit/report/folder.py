@@ -18,7 +18,7 @@ from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
 from socialiq.outputs import check_output_folder, whole_folder
-from socialiq.policies.interface import sha256_of
+from socialiq.reading import sha256_of
 from socialiq.storage import write_atomically
 from socialiq.types import Json
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import hashlib
 import json
 import math
 import re
@@ -28,10 +27,11 @@ from socialiq.audit.profile.profile import Profile, Traffic, other_traffic, whol
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.content import Audited, content, seeds_of
 from socialiq.audit.report.folder import PROFILE, REPORT, evidence_path
-from socialiq.audit.report.words import ALWAYS, OF_CODE
+from socialiq.audit.report.words import ALWAYS, OF_CODE, references_of
 from socialiq.audit.request import is_itself
 from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, episode_seeds
 from socialiq.errors import UserError
+from socialiq.reading import sha256_of
 from socialiq.to_json import to_json
 from socialiq.types import Json, RewardPair
 
@@ -128,7 +128,7 @@ def audited_of(files: Mapping[str, bytes], report: Json) -> Audited:
     if shift is not None and len(shift["traffic"]) != len(traffic):
         raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
     evidence = _evidence_of(files, report, profile, draw, traffic)
-    rows = [*report["references"], *report["left_out"]]
+    rows = references_of(report)
     left_out = [row["name"] for row in rows if is_itself(row["name"], row["record"], record)]
     return Audited(
         profile=profile,
@@ -167,9 +167,9 @@ def _evidence_of(
 ) -> list[Evidence]:
     """Read the tables of episodes: the declared traffic first, then each other one."""
     scenario = report["scenario"]
-    if hashlib.sha256(scenario.encode()).hexdigest() != profile.scenario.sha256:
+    if sha256_of(scenario) != profile.scenario.sha256:
         raise UserError(f"the scenario in {REPORT} is not that of {PROFILE}")
-    collected = [("episodes", scenario, [*report["references"], *report["left_out"]])]
+    collected = [("episodes", scenario, references_of(report))]
     for number, variant in enumerate(traffic):
         rows = report["shift"]["traffic"][number]["references"]
         collected.append((f"shift {number}", variant.world.description, rows))

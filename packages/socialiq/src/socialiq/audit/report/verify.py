@@ -16,6 +16,7 @@ from socialiq.audit.report import folder as layout
 from socialiq.audit.report.folder import MANIFEST, PROFILE, REPORT, SEALS, SIGNATURES, STATEMENT
 from socialiq.audit.report.recompute import audited_of, differences_of, faults_of_seeds, opened_of
 from socialiq.audit.report.references import Findings, check_references
+from socialiq.audit.report.words import references_of
 from socialiq.audit.seeds import Commitment, Nonce
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -282,8 +283,8 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         differing = [f"{REPORT} is look {number} by {path}, and claims to be look {look.number}"]
     entry = next(line for line in log.entries if line["sha256"] == look.entry)
     seed = log.following(SEED, look.entry)
-    rows = [*report["references"], *report["left_out"]]
-    references = sorted(row["record"]["sha256"] for row in rows if row["record"] is not None)
+    records = [row["record"] for row in references_of(report)]
+    references = sorted(record["sha256"] for record in records if record is not None)
     claims = {
         "policy": (entry["policy_sha256"], report["hashes"]["policy"]),
         "declaration": (entry["profile_sha256"], report["hashes"]["profile"]),

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import criterion
-from socialiq.audit.profile.fields import QUANTITIES
+from socialiq.audit.profile.fields import QUANTITIES, Range
 from socialiq.audit.profile.profile import is_recorded, measured_in, world_of
 from socialiq.audit.report import animations, pictures, words
 from socialiq.audit.report.documents import shows_angle
@@ -170,7 +170,7 @@ def not_excluded(report: Json) -> str:
     return f"Angles not excluded: {between(direction['above'], direction['below'])}."
 
 
-def span(report: Json) -> tuple[float, float] | None:
+def span(report: Json) -> Range | None:
     """Return the angles of 0 to 90 degrees that the direction doesn't exclude, or None."""
     direction = report["tests"]["direction"]
     if direction is None or not direction["sides"]:

@@ -51,13 +51,18 @@ def plain_name(name: str, angles: Sequence[float] = ()) -> str:
     return names.get(name, name)
 
 
+def references_of(report: Json) -> list[Json]:
+    """Return the rows of all references of a report, those that are left out too."""
+    return [*report["references"], *report["left_out"]]
+
+
 def names_of(report: Json) -> dict[str, str]:
     """Return the name in words of every reference and trivial driver of a report, by its name.
 
     A driver of the user's keeps its name, even if the package has a driver of that name.
     """
     names = {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
-    for row in (*report["references"], *report["left_out"]):
+    for row in references_of(report):
         name = row["name"]
         record = row["record"]
         # The package's own reference has no record, or is a rule, or of the atlas.
@@ -202,7 +207,7 @@ def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
         (least, social), (most, largest) = clip.ends
         text = f"R_env of an episode from {least:g} to {most:g} and R_social from {social:g} to "
         cut[f"{text}{largest:g}"] = [
-            (row.clipped(*clip.ends).totals != row.totals).any(axis=1) for row in drivers
+            (row.clipped(clip).totals != row.totals).any(axis=1) for row in drivers
         ]
     for name, ends in {bound.quantity: bound.range for bound in profile.caused}.items():
         if ends is not None:

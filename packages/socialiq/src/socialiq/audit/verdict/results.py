@@ -20,7 +20,7 @@ from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
 from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.regret import Decision, Regrets
-from socialiq.audit.verdict.verdict import clipped, decide, direction_tests, enough_resamples
+from socialiq.audit.verdict.verdict import decide, direction_tests, enough_resamples
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
@@ -290,7 +290,7 @@ def discriminate(
             decision = Decision.FAIL
             # The bounds of regret take longest; where another test fails they change nothing.
             if all(test is None or test.decision is not Decision.FAIL for test in tests):
-                rewards = clipped(profile, swapped)
+                rewards = swapped.clipped(profile.clip)
                 limit = profile.largest_loss
                 regrets = Regrets(rewards, seed, count, limit, decisive=True)
                 decision = decide(profile, swapped, seed, count, level, regrets, line).decision

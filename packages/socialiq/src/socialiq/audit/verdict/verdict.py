@@ -6,7 +6,6 @@ no evidence of the policy's behaviour (`results.discriminate`).
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +33,7 @@ from socialiq.audit.verdict.regret import (
     slowest,
 )
 from socialiq.errors import UserError
+from socialiq.reading import sha256_of
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
 
@@ -76,17 +76,6 @@ class Verdict(Decisive):
     contexts: tuple[FollowedAngle, ...] | None  # None without a declared rule
 
 
-def clipped(profile: Profile, evidence: Evidence) -> Evidence:
-    """Return the evidence with the rewards of every episode clipped as declared.
-
-    Args:
-        profile: The declaration.
-        evidence: The evidence; returned as it is if no clip is declared.
-    """
-    clip = profile.clip
-    return evidence if clip is None else evidence.clipped(*clip.ends)
-
-
 def decide(
     profile: Profile,
     evidence: Evidence,
@@ -123,7 +112,7 @@ def decide(
     """
     margin = profile.margin
     angle = profile.angle
-    evidence = clipped(profile, evidence)
+    evidence = evidence.clipped(profile.clip)
     beside = direction_tests(profile, directed or evidence, error, ends_only)
     if profile.rule is not None:
         evidence = evidence.by_rule()
@@ -152,7 +141,7 @@ def direction_tests(
     """
     if profile.rule is not None:
         return None, None
-    driven = clipped(profile, evidence)
+    driven = evidence.clipped(profile.clip)
     errors = error, error / 8
     direction = direction_test(profile, driven, *errors, ends_only)
     return direction, character_test(profile, driven, *errors)
@@ -237,11 +226,11 @@ def judge(
     Raises:
         UserError: If the evidence belongs to another scenario.
     """
-    if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
+    if sha256_of(evidence.scenario) != profile.scenario.sha256:
         raise UserError("the evidence is of another scenario than the profile: collect it again")
     error = profile.error if error is None else error
     resamples = enough_resamples(error, resamples)
-    regrets = Regrets(clipped(profile, evidence), seed, resamples, profile.largest_loss)
+    regrets = Regrets(evidence.clipped(profile.clip), seed, resamples, profile.largest_loss)
     decisive = decide(profile, evidence, seed, resamples, error, regrets, directed, False)
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
