@@ -100,7 +100,7 @@ class Audits(NamedTuple):
         built = make(world)
         rows = [row.outcomes for row in pool.values() if row.reference]
         clip = profile.clip
-        references = tuple(row if clip is None else row.clipped(*clip.ends) for row in rows)
+        references = tuple(row if clip is None else row.clipped(clip) for row in rows)
         limit = functools.partial(possible_loss, built)
         largest = limit if clip is None else clip.largest_loss
         return Audits(profile, references, drivers_of(references), largest)
@@ -111,7 +111,7 @@ class Audits(NamedTuple):
         margin = self.profile.margin
         own = driver_of(self.line, angle)
         clip = self.profile.clip
-        driver = driver if clip is None else driver.clipped(*clip.ends)
+        driver = driver if clip is None else driver.clipped(clip)
         assert margin.width is not None and own is not None
         best = [own.outcomes]
         if own.outcomes.expected is None:

@@ -6,15 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialiq.audit.conduct import audit_policy
 from socialiq.audit.evidence.table import CONTEXTS, read_contexts, write_contexts
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
 from socialiq.audit.report.folder import sealed
 from socialiq.audit.report.verify import faults, read_report
+from socialiq.cli.output import Result
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
+from socialiq.functions.measure import audit
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import packaged_results
@@ -37,8 +38,9 @@ def declared_rule(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def audited(profile: Path, name: str, out: Path) -> dict:
-    return audit_policy(profile.parent / f"{name}.safetensors", profile, out, 300, seed=3)
+def audited(profile: Path, name: str, out: Path) -> Result:
+    policy = profile.parent / f"{name}.safetensors"
+    return audit(policy, profile, out, episodes=300, seed=3)
 
 
 @pytest.mark.slow
@@ -80,7 +82,7 @@ def test_a_constant_angle_that_declares_the_rule_fails(profile: Path, tmp_path: 
 def test_what_is_not_tested_with_a_rule_is_refused(profile: Path, tmp_path: Path) -> None:
     dial = packaged_results() / "dial-short" / "dial.safetensors"
     with pytest.raises(UserError, match="turn --angle-rule"):
-        audit_policy(dial, profile, tmp_path / "out", 30, seed=3)
+        audit(dial, profile, tmp_path / "out", episodes=30, seed=3)
 
 
 @pytest.mark.parametrize(

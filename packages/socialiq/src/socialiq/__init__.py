@@ -14,7 +14,6 @@ from socialiq.errors import public
 from socialiq.worlds import register as _register
 
 if TYPE_CHECKING:
-    from socialiq.audit.conduct import audit_policy
     from socialiq.audit.profile.profile import Margin
     from socialiq.audit.profile.template import declare
     from socialiq.datasets.arrays import of_steps as from_arrays
@@ -59,7 +58,7 @@ __all__ += ["Demonstrations", "equal_trajectories", "equal_transitions", "expert
 __all__ += ["from_arrays", "load_demonstrations", "read_arrays", "save_demonstrations"]
 __all__ += ["Callbacks", "Hyperparameters", "Learner", "StaticConfig", "acting_in"]
 __all__ += ["DialConfig", "DialHyperparameters", "DialPolicy", "train_dial"]
-__all__ += ["Margin", "QPolicy", "audit_policy", "declare", "load_policy", "to_onnx"]
+__all__ += ["Margin", "QPolicy", "declare", "load_policy", "to_onnx"]
 
 # The same as above for the interpreter; a test holds the two against each other.
 _PLACES = {
@@ -83,7 +82,6 @@ _PLACES = {
     "action_table": "evaluation.exact",
     "attainable_set": "mdp.front",
     "audit": "audit",
-    "audit_policy": "audit.conduct",
     "collect": "functions.exchange",
     "declare": "audit.profile.template",
     "driver": "functions.worlds",

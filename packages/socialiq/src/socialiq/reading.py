@@ -109,6 +109,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     return document
 
 
+def sha256_of(content: bytes | str) -> str:
+    """Return the SHA-256 of bytes, or of a text in UTF-8, as hexadecimal digits."""
+    data = content.encode() if isinstance(content, str) else content
+    return hashlib.sha256(data).hexdigest()
+
+
 def sha256_of_file(path: Path) -> str:
     """Return the SHA-256 of a file, as `sha256sum` prints it."""
     digest = hashlib.sha256()

@@ -15,6 +15,9 @@ from socialiq.errors import UserError, one_of
 Row = dict[str, Any]
 """Row of a table: a value by column."""
 
+Json = Mapping[str, Any]
+"""Object of JSON or TOML, for a reader that doesn't change it."""
+
 
 class ByClass(NamedTuple):
     """Numbers by class of road user; the parts of r_social are the ego's effects on each class.

@@ -222,7 +222,7 @@ def test_the_policy_itself_has_a_side_in_the_direction_but_is_no_reference(audit
     changed = {"evidence": [found], "traffic": (), "left_out": ["the same"]}
     results = results_of(dataclasses.replace(audited, **changed))
     verdict, seed = results.verdict, audited.drawn.derived("resampling")
-    assert results.shifts is None and results.shifted == ""
+    assert results.shifts == ()
     assert "the same" not in {one.name for one in results.discrimination.drivers}
     assert "the same" not in {one.name for one in verdict.regret.references}
     assert "the same" not in {one.name for one in verdict.direction.sides}  # an optimum is first

@@ -16,7 +16,7 @@ from socialiq.audit.verdict.direction import (
     ends_of,
 )
 from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import clipped, decide
+from socialiq.audit.verdict.verdict import decide
 
 ANGLES = np.arange(0.0, 91.0, 15.0)
 CLIP = Clip((-8.0, 12.0), (-12.0, 12.0))
@@ -159,5 +159,5 @@ def test_clipped_rewards_bound_the_loss(audit):
     profile, driven = audit(45.0, totals)
     assert profile.largest_loss == pytest.approx(31.113, abs=1e-3)
     assert [CLIP.largest_loss(angle) for angle in (0.0, 90.0)] == [20.0, 24.0]
-    assert clipped(profile, driven).policy.totals.min() == -8.0
+    assert driven.clipped(profile.clip).policy.totals.min() == -8.0
     assert decide(profile, driven, 0, 200, 0.05).decision is Decision.PASS

@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
-import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from socialiq.audit.evidence import replay
 from socialiq.audit.evidence.collect import Collection
@@ -20,13 +18,13 @@ from socialiq.audit.look import Look, Opened, Plan, commit, open_look, record
 from socialiq.audit.profile.profile import Traffic, other_traffic
 from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
-from socialiq.audit.request import Request, Trust, command_of, resolve_policy
+from socialiq.audit.report.folder import REPORT, files_of, write_folder
+from socialiq.audit.request import Request, command_of, resolve_policy
 from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
-from socialiq.isolation import IsolationMode
 from socialiq.learners.callbacks import Report
-from socialiq.reading import path_of
+from socialiq.reading import sha256_of
+from socialiq.types import Json
 
 Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress of something
 
@@ -35,7 +33,7 @@ Stage = Callable[[str], Callable[[Report], None]]  # begins to show the progress
 class Conducted:
     """A finished audit."""
 
-    report: dict[str, Any]  # content of `report.json`
+    report: Json  # content of `report.json`
     audited: Audited  # what it was made from
     log: Path | None  # folder of the audit log
 
@@ -55,11 +53,11 @@ class Conducted:
         write_folder(out, files, replace)
         if self.log is not None and look is not None:
             decision = self.report["verdict"]["decision"]
-            sha256 = hashlib.sha256(files[REPORT]).hexdigest()
+            sha256 = sha256_of(files[REPORT])
             record(self.log, Subject.of(profile), look, decision, sha256)
 
 
-def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
+def commit_to(request: Request, source: Json) -> Look:
     """Commit to policy and declaration of a later audit, which has a log, before its seed is known.
 
     Args:
@@ -190,63 +188,6 @@ def _audited(
         command=command_of(request, draw.seed),
         started=started,
     )
-
-
-def audit_policy(
-    policy: str | Path,
-    profile: str | Path,
-    out: str | Path,
-    episodes: int = 1000,
-    seed: int | None = None,
-    references: Sequence[str | Path] = (),
-    allow_code: bool = False,
-    replace: bool = False,
-    log: str | Path | None = None,
-    no_log: bool = False,
-    isolation: IsolationMode = "auto",
-    files: Sequence[str | Path] = (),
-) -> dict[str, Any]:
-    """Audit a policy against its declaration and write the report, as `socialiq audit` does.
-
-    Args:
-        policy: A file, "python:FILE.py:NAME", "process:COMMAND LINE", atlas:NAME, or at the
-            intersection a rule-based driver.
-        profile: File of the declaration: the `source` of the result of `declare`.
-        out: Folder to write.
-        episodes: Number of episodes of every driver.
-        seed: Seed of a trial or a repetition, which no log keeps; by default drawn after policy and
-            declaration were hashed.
-        references: Further drivers to compare with; in an environment at least one.
-        allow_code: Whether named Python modules may run without isolation, and an environment's
-            module may be imported.
-        replace: Whether an earlier report in the folder is replaced.
-        log: Folder of the audit log; by default `audit-log` in the folder of `out`, none with a
-            seed.
-        no_log: Whether to keep no log.
-        isolation: Isolation of processes and Python modules: where bubblewrap works, always, never.
-        files: Further files and folders of these, which their hash covers.
-
-    Returns:
-        Content of `report.json`: `["verdict"]["decision"]` is pass, fail or inconclusive.
-
-    Raises:
-        UserError: If the request is invalid, or the policy fails on the way.
-    """
-    out = path_of(out)
-    log = None if log is None else path_of(log)
-    check_target(out, replace)
-    request = Request(
-        str(policy),
-        path_of(profile),
-        episodes,
-        seed,
-        tuple(map(str, references)),
-        trust=Trust(allow_code, isolation=isolation, files=tuple(map(str, files))),
-        log=log_folder(out, log, no_log, seed),
-    )
-    done = conduct(request, lambda _line: None)
-    done.write(out, replace)
-    return done.report
 
 
 def log_folder(out: Path, log: Path | None, no_log: bool, seed: int | None) -> Path | None:

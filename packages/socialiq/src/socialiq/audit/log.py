@@ -9,23 +9,24 @@ report (`audit verify --log`).
 from __future__ import annotations
 
 import datetime
-import hashlib
 import json
 import os
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import filelock
 
 from socialiq.audit.profile.profile import Profile
 from socialiq.errors import UserError
-from socialiq.reading import open_file
+from socialiq.reading import open_file, sha256_of
+from socialiq.types import Json
 
-Entry = Mapping[str, Any]
+Entry = Json
 """One line: number, kind, time, previous, sha256, and the fields of its kind."""
 
 COMMITMENT = "commitment"
@@ -73,7 +74,7 @@ class Subject(NamedTuple):
     @property
     def sha256(self) -> str:
         """SHA-256 of the subject; the first line of its log follows it."""
-        return _sha256(f"{_PURPOSE}\n{self.plain_owner}\n{self.scenario_sha256}\n")
+        return sha256_of(f"{_PURPOSE}\n{self.plain_owner}\n{self.scenario_sha256}\n")
 
     def path_in(self, folder: Path) -> Path:
         """Return the path of its log, whose name ends in the hash: an existing one, or a new one.
@@ -90,16 +91,16 @@ class Subject(NamedTuple):
         return paths[0] if paths else folder / f"{plain}{ending}"
 
 
+@dataclass(frozen=True)
 class AuditLog:
     """Lines of a log that were read and checked; `locked` alone gives one that may be extended.
 
     The first line follows the hash of the subject.
     """
 
-    def __init__(self, path: Path, subject_sha256: str, entries: list[Entry]) -> None:
-        self.path = path
-        self.subject_sha256 = subject_sha256
-        self.entries = entries
+    path: Path
+    subject_sha256: str
+    entries: list[Entry]
 
     @property
     def head(self) -> str:
@@ -134,7 +135,7 @@ class AuditLog:
         entries = (entry for entry in self.entries if entry["kind"] == kind)
         return next((entry for entry in entries if entry["commitment"] == commitment), None)
 
-    def append(self, kind: str, fields: Mapping[str, Any]) -> Entry:
+    def append(self, kind: str, fields: Json) -> Entry:
         """Write one more line; it is on the disk when this returns.
 
         Args:
@@ -154,7 +155,7 @@ class AuditLog:
             **fields,
             "previous": self.head,
         }
-        entry["sha256"] = _sha256(_line(entry))
+        entry["sha256"] = sha256_of(_line(entry))
         line = _line(entry).encode() + b"\n"
         before = self.path.stat().st_size if self.path.exists() else None
         try:
@@ -229,7 +230,7 @@ def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
             entry = json.loads(line)
             fields = {**_OF_EVERY_LINE, **_FIELDS[entry["kind"]]}
             content = {name: value for name, value in entry.items() if name != "sha256"}
-            same = entry["sha256"] == _sha256(_line(content)) and _line(entry).encode() == line
+            same = entry["sha256"] == sha256_of(_line(content)) and _line(entry).encode() == line
             typed = all(type(entry[name]) is kind for name, kind in fields.items())
             intact = same and typed and written_at(entry).tzinfo is not None
             follows = entry["number"] == number and entry["previous"] == (
@@ -272,10 +273,6 @@ def written_at(entry: Entry) -> datetime.datetime:
 
 def _line(entry: Entry) -> str:
     return json.dumps(entry, separators=(",", ":"), allow_nan=False)
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _not_written(path: Path, error: OSError) -> UserError:

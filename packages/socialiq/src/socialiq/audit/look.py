@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import secrets
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from socialiq.audit import log as logs
 from socialiq.audit import seeds
@@ -16,6 +14,8 @@ from socialiq.audit.log import AuditLog, Entry, Subject, now
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce, Round
 from socialiq.errors import UserError
+from socialiq.reading import sha256_of
+from socialiq.types import Json
 
 SMALLEST_ERROR = 1e-4
 """Smallest error of a look: at most 200,000 resamples give its quantile (`verdict.judge`)."""
@@ -53,7 +53,7 @@ class Plan:
         """Owner and scenario, whose log it belongs to."""
         return Subject.of(self.profile)
 
-    def fields(self) -> dict[str, Any]:
+    def fields(self) -> Json:
         """Return the plan as fields of a line."""
         return {
             "policy_sha256": self.commitment.policy_sha256,
@@ -84,7 +84,7 @@ class Opened(NamedTuple):
     look: Look | None
 
 
-def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
+def commit(folder: Path, plan: Plan, source: Json) -> Look:
     """Record a commitment, which counts as a look from now on, whether or not it is continued.
 
     Args:
@@ -99,7 +99,7 @@ def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
         return _commit(log, plan, source)
 
 
-def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
+def _commit(log: AuditLog, plan: Plan, source: Json) -> Look:
     look = log.looks + 1
     error = spend(plan.profile.error, look)
     if error < SMALLEST_ERROR:
@@ -124,7 +124,7 @@ def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
     return Look(look, error, log.path.name, entry["previous"], entry["sha256"], entry["time"])
 
 
-def of_nonce(sha256: str) -> dict[str, Any]:
+def of_nonce(sha256: str) -> Json:
     """Return the origin of a nonce's seed, by the nonce's hash; `UserError` if it is none."""
     if not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise UserError(
@@ -134,14 +134,14 @@ def of_nonce(sha256: str) -> dict[str, Any]:
     return {"source": "auditor's nonce", "nonce_sha256": sha256}
 
 
-def of_revealed(origin: Nonce | Round) -> dict[str, Any]:
+def of_revealed(origin: Nonce | Round) -> Json:
     """Return the origin of a seed as the commitment names it that precedes a nonce or a round."""
     if isinstance(origin, Nonce):
         return of_nonce(origin.sha256)
     return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": origin.number}
 
 
-def of_beacon(number: int) -> dict[str, Any]:
+def of_beacon(number: int) -> Json:
     """Return the origin of a seed of a beacon's round; `UserError` if it is published already."""
     time = seeds.time_of(number)
     if time <= now():
@@ -179,7 +179,7 @@ def reveal(commitment: Commitment, entry_sha256: str, revealed: Nonce | Round) -
     nonce = isinstance(revealed, Nonce)
     secret = revealed.value if nonce else revealed.randomness
     purpose = f"socialiq audit, seed of a {'nonce' if nonce else 'beacon'} 1"
-    sha256 = hashlib.sha256(f"{purpose}\n{entry_sha256}\n{secret}\n".encode()).hexdigest()
+    sha256 = sha256_of(f"{purpose}\n{entry_sha256}\n{secret}\n")
     seed = int(sha256, 16) % (LARGEST_SEED + 1)
     return Draw(commitment, seed, "auditor's nonce" if nonce else "beacon", revealed)
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import hashlib
 import itertools
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,9 +32,14 @@ from socialiq.policies.drivers import (
 from socialiq.policies.interface import Interface, Loaded
 from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process import GIB, Limits
+from socialiq.reading import sha256_of
 from socialiq.storage import kind_of, packaged_results
+from socialiq.types import Json, Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.world import World
+
+Recorded = tuple[Reference, Row]
+"""A driver to compare with, and its record as JSON."""
 
 GAPS = ("gap_2s", "gap_3s", "gap_4s")
 EVERY = 15.0  # degrees between the references that are made of a dial
@@ -172,14 +176,14 @@ class References(NamedTuple):
     """
 
     drivers: list[Reference]
-    records: dict[str, dict[str, Any]]
+    records: dict[str, Row]
     itself: list[str]
 
 
 def resolve_references(
     world: World,
     specs: Sequence[str | Path],
-    policy: Mapping[str, Any],
+    policy: Json,
     trust: Trust,
     closing: contextlib.ExitStack,
     angles: Sequence[float],
@@ -200,7 +204,7 @@ def resolve_references(
     Raises:
         UserError: If a reference can't be read, or doesn't fit the world.
     """
-    drivers = list[tuple[Reference, dict[str, Any]]]()
+    drivers = list[Recorded]()
     if world.shipped:
         shipped = atlas.names(world.shipped)
         interface = Interface.of(world)
@@ -235,7 +239,7 @@ def reference_dial(specs: Sequence[str | Path]) -> DialPolicy:
     return DialPolicy.load(dials[0])
 
 
-def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[str, Any]) -> bool:
+def is_itself(name: str, reference: Json | None, policy: Json) -> bool:
     """Whether a reference is the policy under audit itself, by their records as JSON.
 
     Args:
@@ -268,7 +272,7 @@ def dial_angles(angle: float, width: float | None) -> tuple[float, ...]:
     return tuple(sorted(angle for angle in angles if 0.0 <= angle <= 90.0))
 
 
-def shipped_dial(world: World, angles: Sequence[float]) -> list[tuple[Reference, dict[str, Any]]]:
+def shipped_dial(world: World, angles: Sequence[float]) -> list[Recorded]:
     """Return the drivers of the shipped dial.
 
     Args:
@@ -293,15 +297,13 @@ def _fits(policy: Any, interface: Interface) -> bool:
     return clocked and actions == (interface.action_size or interface.n_actions)
 
 
-def _turned(
-    path: Path, prefix: str, angles: Sequence[float], world: World
-) -> list[tuple[Reference, dict[str, Any]]]:
+def _turned(path: Path, prefix: str, angles: Sequence[float], world: World) -> list[Recorded]:
     """Return the drivers that are made of a dial, at angles in degrees."""
     drivers = []
     for angle in angles:
         loaded = _file(str(path), world, angle, Trust())
         # One file, several drivers: the hash covers the angle too.
-        sha256 = hashlib.sha256(f"{loaded.record.sha256}@{angle:g}".encode()).hexdigest()
+        sha256 = sha256_of(f"{loaded.record.sha256}@{angle:g}")
         record = {**loaded.record.as_json(), "sha256": sha256}
         drivers.append((Reference(f"{prefix}{angle:g}", loaded.policy, angle), record))
     return drivers
@@ -309,7 +311,7 @@ def _turned(
 
 def _named(
     spec: str, world: World, trust: Trust, closing: contextlib.ExitStack, angles: Sequence[float]
-) -> list[tuple[Reference, dict[str, Any]]]:
+) -> list[Recorded]:
     """Return the drivers of one of the user's references."""
     if spec.startswith("python:"):
         loaded = closing.enter_context(_file(spec, world, 0.0, trust))

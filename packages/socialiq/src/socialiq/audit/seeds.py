@@ -18,6 +18,7 @@ from jaxtyping import Int64
 
 from socialiq.errors import UserError
 from socialiq.foreign import optional
+from socialiq.reading import sha256_of
 from socialiq.storage import read_json, write_atomically
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -34,7 +35,7 @@ class Nonce:
     @property
     def sha256(self) -> str:
         """SHA-256 of the secret's 32 bytes: what the owner is told."""
-        return hashlib.sha256(bytes.fromhex(self.value)).hexdigest()
+        return sha256_of(bytes.fromhex(self.value))
 
     def reveal_for(self, entry: str) -> None:
         """Note in its file the hash of the commitment that it is revealed for, before it is used.
@@ -111,7 +112,7 @@ _SIGNATURE = re.compile(r"[0-9a-f]{96}")  # a compressed point of G1: 48 bytes
 def chain_sha256() -> str:
     """Return drand's hash of a chain's parameters: period, genesis, key, group, name."""
     content = PERIOD.to_bytes(4) + GENESIS.to_bytes(8) + PUBLIC_KEY
-    return hashlib.sha256(content + bytes.fromhex(GROUP_SHA256) + NETWORK.encode()).hexdigest()
+    return sha256_of(content + bytes.fromhex(GROUP_SHA256) + NETWORK.encode())
 
 
 def time_of(number: int) -> datetime.datetime:
@@ -141,7 +142,7 @@ class Round:
     @property
     def randomness(self) -> str:
         """SHA-256 of the signature."""
-        return hashlib.sha256(bytes.fromhex(self.signature)).hexdigest()
+        return sha256_of(bytes.fromhex(self.signature))
 
     @property
     def time(self) -> datetime.datetime:
@@ -216,7 +217,7 @@ class Commitment:
     def sha256(self) -> str:
         """SHA-256 of three lines: the purpose, the policy's hash, the profile's."""
         text = f"{_PURPOSE}\n{self.policy_sha256}\n{self.profile_sha256}\n"
-        return hashlib.sha256(text.encode()).hexdigest()
+        return sha256_of(text)
 
 
 @dataclass(frozen=True)

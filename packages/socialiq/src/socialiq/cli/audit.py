@@ -3,7 +3,7 @@
 import datetime
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +20,7 @@ from socialiq.evaluation.parts import check_processes
 from socialiq.isolation import IsolationMode
 from socialiq.outputs import check_ending
 from socialiq.policies.process import limits_of
+from socialiq.types import Json
 
 _AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
 
@@ -134,9 +135,7 @@ class Audit(Printing):
         rows = [{name: row[name].replace("−", "-") for name in columns} for row in tests]
         return Result(done.report, rows, headline)
 
-    def show(
-        self, result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], title: str = ""
-    ) -> int:
+    def show(self, result: Json, rows: Sequence[Json], title: str = "") -> int:
         """Print the verdict; return its exit status.
 
         Args:

@@ -3,19 +3,18 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from socialiq.audit.report import verify
+from socialiq.audit.report.content import EXIT_CODES
 from socialiq.audit.report.folder import REPORT
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError
-from socialiq.types import Row
-
-STATUS = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
+from socialiq.types import Json, Row
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class Across(Printing):
         result = {"decision": decision.value, "error": round(error, 9), "scenarios": rows}
         if self.json:
             print_json(result | {"without_log": unlogged})
-            return STATUS[decision]
+            return EXIT_CODES[decision]
         print_table(rows)
         sys.stdout.write(
             f"{decision.headline} across {len(rows)} scenarios; who is not as declared in one of "
@@ -65,10 +64,10 @@ class Across(Printing):
         )
         if unlogged:
             sys.stdout.write(f"Without a log earlier tries aren't counted: {', '.join(unlogged)}\n")
-        return STATUS[decision]
+        return EXIT_CODES[decision]
 
 
-_IDENTITIES: dict[str, Any] = {
+_IDENTITIES: Json = {
     "policy": lambda report: (report["hashes"]["policy"], report["policy"]["deterministic"]),
     "declared angle": lambda report: [
         report["declaration"].get(name) for name in ("angle", "angle_rule")
@@ -76,7 +75,7 @@ _IDENTITIES: dict[str, Any] = {
 }
 
 
-def _row(folder: Path, report: dict[str, Any]) -> Row:
+def _row(folder: Path, report: Json) -> Row:
     scenario = report["declaration"]["scenario"]
     look = report["look"]
     options = ", ".join(f"{name} {value}" for name, value in scenario["options"].items())

@@ -13,6 +13,7 @@ from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import recompute, signature, verify, words
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT, tables_of
+from socialiq.audit.report.references import Findings
 from socialiq.audit.request import Request, is_code
 from socialiq.audit.seeds import read_nonce
 from socialiq.cli.audit import CodeOptions
@@ -106,7 +107,7 @@ class Verify(Printing):
                 self._print(findings, checked, claims)
         return 1 if faults else 3 if findings.not_checked else 0
 
-    def _print(self, findings: verify.Findings, checked: list[str], claims: list[str]) -> None:
+    def _print(self, findings: Findings, checked: list[str], claims: list[str]) -> None:
         """Print what was checked, and what is left to believe."""
         unknown = findings.not_checked
         report = verify.read_report(self.folder / REPORT)

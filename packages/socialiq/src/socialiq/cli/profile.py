@@ -15,6 +15,7 @@ from socialiq.audit.profile.fields import (
     LAST_DIRECTION,
     QUANTITIES,
     SIDES,
+    Range,
 )
 from socialiq.audit.verdict.bounds import faults_of_bounds
 from socialiq.cli.output import Printing, listed, print_table
@@ -58,10 +59,10 @@ class New:
     beyond: float | None = None
     """Largest share of episodes in which the policy may drive beyond either end of the width, by
     more than twice the margin; by default 0.075 with a width."""
-    clip_env: tuple[float, float] | None = None
+    clip_env: Range | None = None
     """Limits at which R_env of an episode is counted, as -8 12: they bound the loss of an episode.
     By default those at the intersection, elsewhere none."""
-    clip_social: tuple[float, float] | None = None
+    clip_social: Range | None = None
     """The same of R_social; at the intersection -12 12."""
     largest_loss: float | None = None
     """The most by which one driver's reward of an episode, weighed by the declared angle, can lie
@@ -72,7 +73,7 @@ class New:
     cells): what they drive less than without it. Negative: they have to drive more."""
     min_delay: float | None = None
     """Smallest mean delay, likewise."""
-    delay_range: tuple[float, float] | None = None
+    delay_range: Range | None = None
     """Limits at which the delay of an episode is counted; by default -700 700, in a gridworld
     -100 100."""
     max_waiting: float | None = None
@@ -80,7 +81,7 @@ class New:
     episode because of the policy; by default 3 (0.75), with a bound of the delay beside it."""
     min_waiting: float | None = None
     """Smallest mean number of these."""
-    waiting_range: tuple[float, float] | None = None
+    waiting_range: Range | None = None
     """Limits at which the waiting in an episode is counted; by default 0 100 s or 0 25 steps."""
     max_pedestrian_hit: float | None = None
     """Largest share of episodes in which the policy hits a pedestrian; by default 0.02 where there
@@ -92,7 +93,7 @@ class New:
     default 1.5 where they ride."""
     min_cyclist_delay: float | None = None
     """Smallest mean of these."""
-    cyclist_delay_range: tuple[float, float] | None = None
+    cyclist_delay_range: Range | None = None
     """Limits at which these of an episode are counted; by default 0 100."""
     max_cyclist_hit: float | None = None
     """Largest share of episodes in which the policy hits a cyclist; by default 0.02 likewise."""
@@ -102,7 +103,7 @@ class New:
     """Largest mean number of hard brakings that the policy causes in an episode."""
     min_braking: float | None = None
     """Smallest mean number of these."""
-    braking_range: tuple[float, float] | None = None
+    braking_range: Range | None = None
     """Limits at which the hard brakings of an episode are counted; by default -40 40."""
     max_gap_below_1_s: float | None = None
     """Largest share of episodes in which the policy is where a vehicle of another approach is

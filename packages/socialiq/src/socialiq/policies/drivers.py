@@ -8,7 +8,6 @@ dial, in degrees; `+` puts a front end before it: `gap_3s`, `dial.safetensors@60
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +18,7 @@ from socialiq.policies.front_end import FrontEndPolicy
 from socialiq.policies.interface import Interface, Loaded, Record, read_content
 from socialiq.policies.load import load_policy, name_of
 from socialiq.provenance import package_sha256
+from socialiq.reading import sha256_of
 from socialiq.social.angle import check_angle, check_class_angle
 from socialiq.storage import is_file
 from socialiq.worlds.highway.shifts import OR
@@ -213,7 +213,7 @@ def finished(driver: Driver, loaded: Loaded, world: World | None) -> Loaded:
     length = getattr(loaded.policy, "n_features", None) or world.n_features
     policy = FrontEndPolicy(loaded.policy, behind.front_end, length)
     text = f"{loaded.record.source}+{driver.front_end}"
-    sha256 = hashlib.sha256(f"{loaded.record.sha256}+{driver.front_end}".encode()).hexdigest()
+    sha256 = sha256_of(f"{loaded.record.sha256}+{driver.front_end}")
     record = dataclasses.replace(loaded.record, source=text, sha256=sha256, soft=False)
     return dataclasses.replace(loaded, policy=policy, record=record, again=None)
 
@@ -258,4 +258,4 @@ def rule_sha256(name: str, package: str) -> str:
     Returns:
         64 hexadecimal digits.
     """
-    return hashlib.sha256(f"rule {name}\n{package}\n".encode()).hexdigest()
+    return sha256_of(f"rule {name}\n{package}\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -245,8 +244,3 @@ def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
         UserError: If the file can't be read, or is larger.
     """
     return read_bytes(shipped(path), most)
-
-
-def sha256_of(content: bytes) -> str:
-    """Return the SHA-256 of bytes, as `sha256sum` prints it."""
-    return hashlib.sha256(content).hexdigest()

@@ -27,12 +27,11 @@ from socialiq.policies.interface import (
     Loaded,
     Record,
     read_content,
-    sha256_of,
 )
 from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
 from socialiq.policies.sb3_load import read_sb3
-from socialiq.reading import path_of
+from socialiq.reading import path_of, sha256_of
 from socialiq.storage import content_hash, kind_of, load_arrays
 from socialiq.types import Policy
 from socialiq.worlds.situation import ContextPolicy

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from jaxtyping import Float, Shaped
 from scipy.stats import binom
 
 from socialiq.policies.interface import Loaded
-from socialiq.types import Policy
+from socialiq.types import Json, Policy
 
 ALLOWED = 0.001
 """Largest share of differing answers in other batches. The last bits of a network's output depend
@@ -61,7 +61,7 @@ class Consistency(NamedTuple):
     single: Answers  # by a new process, one by one
 
     @staticmethod
-    def of(report: Mapping[str, Any] | None) -> Consistency | None:
+    def of(report: Json | None) -> Consistency | None:
         """Return the consistency that a report's JSON has."""
         if report is None:
             return None

@@ -75,16 +75,30 @@ class Course:
         self.batch: Any = world.batch(len(seeds) if world.is_exact else self.size, threads)
         self.losses = None
         self._effects = measured
-        self._by_step = dict[str, Float[np.ndarray, "state action"]]()
-        # Of a world in SUMO, whose signals of each step are what the ego causes.
-        self._signals = {name: effects.IN_SUMO[name] for name in measured if in_sumo(world.name)}
         self._begun: effects.Begun = {}
+        # Rewards, lengths and effects of a decision.
+        self._quantities = {name: DECISION[name] for name in ("r_env", "r_social", "length")}
         if by_rule is not None and world.is_exact:
             self.losses = DecisionLosses(self.batch.table, by_rule.rule, CANDIDATES)
         if measured and world.is_exact:
             reachable = np.asarray(self.batch.table.world.index(self.batch.table.states))
             caused = effects.caused_by_step(world.table())
-            self._by_step = {name: caused[name][reachable] for name in measured}
+            self._quantities |= {
+                name: Quantity(
+                    "",
+                    lambda step, effect=caused[name][reachable]: effect[
+                        step.observation, step.action
+                    ],
+                )
+                for name in measured
+            }
+        elif in_sumo(world.name):  # the signals of each step are what the ego causes
+            self._quantities |= {
+                name: Quantity(
+                    "", lambda step, signal=effects.IN_SUMO[name]: step.made.signals[signal]
+                )
+                for name in measured
+            }
 
     def blocks(self, size: int) -> Iterator[Course]:
         """Yield the course of each block of episodes; a block has at most `size` of them."""
@@ -127,7 +141,7 @@ class Course:
             columns = {name: episodes[name] for name in COLUMNS}
             columns[LOSS] = losses.declared.sum(axis=1)
             outcomes = Outcomes(driver.name, Episodes(columns), driver.angles, contexts=losses)
-        if not self._effects or world.is_exact or self._signals:
+        if not self._effects or world.is_exact or in_sumo(world.name):
             return outcomes
         scene = getattr(world, "scene_world", None)
         seeds = self.seeds
@@ -167,20 +181,6 @@ class Course:
         if contexts is not None:
             episodes = Episodes({LOSS: contexts.declared.sum(axis=1)} | episodes)
         return Outcomes(name, episodes, angles, expected, contexts)
-
-    @property
-    def _quantities(self) -> dict[str, Quantity]:
-        """Rewards, lengths and effects of a decision."""
-        effects_of_steps = {
-            name: Quantity("", lambda step, effect=effect: effect[step.observation, step.action])
-            for name, effect in self._by_step.items()
-        }
-        signals = {
-            name: Quantity("", lambda step, signal=signal: step.made.signals[signal])
-            for name, signal in self._signals.items()
-        }
-        driven = {name: DECISION[name] for name in ("r_env", "r_social", "length")}
-        return driven | effects_of_steps | signals
 
 
 def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: bool) -> Actor:

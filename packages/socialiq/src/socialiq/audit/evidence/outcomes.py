@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.profile.fields import QUANTITIES
+from socialiq.audit.profile.profile import Clip
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
 from socialiq.evaluation.measures import Episodes, joined
@@ -79,14 +81,9 @@ class Outcomes:
         env, social = self.totals.mean(axis=0).tolist()
         return RewardPair(env, social)
 
-    def clipped(self, lows: tuple[float, float], highs: tuple[float, float]) -> Outcomes:
-        """Return the driver with its totals clipped.
-
-        Args:
-            lows: Smallest totals that count, (env, social).
-            highs: Largest totals that count, (env, social).
-        """
-        env, social = self.totals.clip(lows, highs).T
+    def clipped(self, clip: Clip) -> Outcomes:
+        """Return the driver with its totals clipped."""
+        env, social = self.totals.clip(*clip.ends).T
         return self.with_columns(r_env=env, r_social=social)
 
     def drove_as(self, driver: Outcomes) -> bool:
@@ -168,14 +165,9 @@ class Evidence:
 
         return self._with_each(turned)
 
-    def clipped(self, lows: tuple[float, float], highs: tuple[float, float]) -> Evidence:
-        """Return the evidence with the totals of every driver clipped.
-
-        Args:
-            lows: Smallest totals that count, (env, social).
-            highs: Largest totals that count, (env, social).
-        """
-        return self._with_each(lambda driver: driver.clipped(lows, highs))
+    def clipped(self, clip: Clip | None) -> Evidence:
+        """Return the evidence with the totals of every driver clipped, if limits are declared."""
+        return self if clip is None else self._with_each(lambda driver: driver.clipped(clip))
 
     def _with_each(self, changed: Callable[[Outcomes], Outcomes]) -> Evidence:
         policy, *others = map(changed, self.drivers)
@@ -200,6 +192,11 @@ CRITERIA = {
     "timeout": "runs out of time",
 }
 """Criteria of the safety floor, and the event that each counts, in the words of reports."""
+
+
+def criterion(name: str) -> str:
+    """Return what a driver does by the name of a criterion, or of an effect that has a bound."""
+    return CRITERIA.get(name) or QUANTITIES[name].words
 
 
 def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:

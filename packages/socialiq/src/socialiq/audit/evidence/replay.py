@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float32, Int64
@@ -19,7 +19,7 @@ from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.foreign import drawing
-from socialiq.types import Memoryless, Policy, RewardPair
+from socialiq.types import Json, Memoryless, Policy, RewardPair, Row
 from socialiq.worlds.catalogue import ROADS
 from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.highway import render, sheet
@@ -29,8 +29,11 @@ from socialiq.worlds.world import World
 
 _SELECTED = 3
 
+Chosen = Mapping[str, Sequence[Json]]
+"""Rows of chosen episodes by "median" and "worst": the result of `selected`, or its JSON."""
 
-def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]]:
+
+def selected(evidence: Evidence, angle: float) -> dict[str, list[Row]]:
     """Return rows of the policy's median and worst episodes by R(α).
 
     Args:
@@ -309,14 +312,14 @@ def _tracks(frames: Iterable[dict[int, Pose]], ego: int, crashed: set[int]) -> t
     return tuple(tracks)
 
 
-Traces = Mapping[str, Sequence[Trace | Mapping[str, Any] | None]]
+Traces = Mapping[str, Sequence[Trace | Json | None]]
 """Traces of the chosen episodes, or their JSON, by "median" and "worst"."""
 
 
 def traces_of(
     world: World,
     policy: Policy,
-    chosen: Mapping[str, Sequence[Mapping[str, Any]]],
+    chosen: Chosen,
     deterministic: bool = True,
 ) -> Traces:
     """Run the episodes of `selected` again, one by one, and return the ways of all vehicles.
@@ -333,7 +336,7 @@ def traces_of(
     """
     again = replayer(world, policy, deterministic)
 
-    def traced(row: Mapping[str, Any]) -> Trace | None:
+    def traced(row: Json) -> Trace | None:
         if again is None:
             return None
         played = again(int(row["seed"]))
@@ -363,9 +366,7 @@ def check_filmed(world: World) -> Road:
     return road
 
 
-def films_of(
-    world: World, policy: Policy, chosen: Mapping[str, Sequence[Mapping[str, Any]]]
-) -> dict[str, bytes]:
+def films_of(world: World, policy: Policy, chosen: Chosen) -> dict[str, bytes]:
     """Run the episodes of `selected` again with the policy's best actions, and draw them.
 
     Args:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from socialiq.audit.evidence.outcomes import COLUMNS, Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
@@ -57,26 +59,19 @@ class ReferenceAttributes(NamedTuple):
 
 def write_table(evidence: Evidence) -> str:
     """Return a CSV with seed, strata, and `MEASURED` of each driver."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     drivers = evidence.drivers
-    measured = (*MEASURED, *evidence.policy.measured)
-    writer.writerow(_head(evidence.strata, [driver.name for driver in drivers], measured))
-    columns: list[list[object]] = [
-        list(range(evidence.episodes)),
-        evidence.seeds.tolist(),
-        *(labels.tolist() for labels in evidence.strata.values()),
-    ]
+    columns: list[Sequence[object]] = [range(evidence.episodes), evidence.seeds.tolist()]
+    columns += [labels.tolist() for labels in evidence.strata.values()]
     for driver in drivers:
-        endings = [kind_of_ending(driver, episode) for episode in range(evidence.episodes)]
-        rewards = [side.tolist() for side in driver.episodes.totals]
-        columns += [*rewards, endings, driver.episodes.length.tolist()]
-        columns += [driver.episodes[name].tolist() for name in driver.measured]
-    writer.writerows(zip(*columns, strict=True))
-    return text.getvalue()
+        columns += [side.tolist() for side in driver.episodes.totals]
+        columns.append([kind_of_ending(driver, episode) for episode in range(evidence.episodes)])
+        columns += [driver.episodes[name].tolist() for name in ("length", *driver.measured)]
+    measured = (*MEASURED, *evidence.policy.measured)
+    head = _head(evidence.strata, [driver.name for driver in drivers], measured)
+    return _text([head, *zip(*columns, strict=True)])
 
 
-def _head(strata: Mapping[str, object], drivers: list[str], measured: tuple[str, ...]) -> list[str]:
+def _head(strata: Iterable[str], drivers: list[str], measured: tuple[str, ...]) -> list[str]:
     columns = [f"{_no_formula(name)}.{column}" for name in drivers for column in measured]
     return [*_INDEX, *strata, *columns]
 
@@ -84,6 +79,25 @@ def _head(strata: Mapping[str, object], drivers: list[str], measured: tuple[str,
 def _no_formula(name: str) -> str:
     """Return a name that spreadsheets don't interpret as a formula."""
     return f"'{name}" if name.startswith(tuple("=+-@\t\r'")) else name
+
+
+def _text(rows: Iterable[Iterable[object]]) -> str:
+    """Return rows as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+@contextlib.contextmanager
+def _rows_of(content: bytes, what: str) -> Iterator[Iterator[list[str]]]:
+    """Open the rows of a CSV file; `UserError` if the block doesn't find a table in them."""
+    try:
+        yield csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
+    except (ValueError, LookupError, OverflowError, csv.Error) as error:
+        raise UserError(f"it is not a table of {what}: {one_line(str(error))}") from error
+
+
+_NOT_WRITTEN = "it is not written as an audit writes it"
 
 
 def read_table(
@@ -110,84 +124,78 @@ def read_table(
     Raises:
         UserError: If it is not exactly as `write_table` writes it.
     """
-    try:
-        rows = csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
+    with _rows_of(content, "episodes") as rows:
         head = next(rows, [])
         measured = (*MEASURED, *beside)
         ours = f"{_no_formula(policy)}.{MEASURED[0]}"
         if ours not in head:
             raise ValueError(f"no column {ours}")
         first = head.index(ours)
+        strata = head[len(_INDEX) : first]
         names_by_title = {_no_formula(name): name for name in (*attributes, *trivial)}
         titles = [title.removesuffix(f".{MEASURED[0]}") for title in head[first :: len(measured)]]
         names = [policy, *(names_by_title.pop(title) for title in titles[1:])]
         if names_by_title:
             raise ValueError(f"no columns of {next(iter(names_by_title.values()))}")
-        if head != _head(dict.fromkeys(head[len(_INDEX) : first]), names, measured):
+        if head != _head(dict.fromkeys(strata), names, measured):
             raise ValueError("its columns are others")
-        seeds, strata, drivers = _filled(
-            rows, head[len(_INDEX) : first], first, names, measured, attributes
-        )
-    except (ValueError, KeyError, OverflowError, csv.Error) as error:
-        raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
+        seeds, labels, values = _numbers(rows, first, len(names), measured)
+    drivers = []
+    for name, columns in zip(names, values, strict=True):
+        totals = dict(zip(("r_env", "r_social"), columns, strict=False))
+        ending, contact = np.array(list(_KINDS.values()))[columns[2].astype(np.int64)].T
+        integers = {"ending": ending, "contact": contact, "length": columns[3].astype(np.int64)}
+        further = dict(zip(beside, columns[len(MEASURED) :], strict=True))
+        fixed = attributes.get(name, ReferenceAttributes())
+        drivers.append(Outcomes(name, Episodes(totals | integers | further), *fixed))
     count = 1 + len(attributes)
     evidence = Evidence(
-        scenario, seeds, drivers[0], tuple(drivers[1:count]), strata, tuple(drivers[count:])
+        scenario=scenario,
+        seeds=seeds,
+        policy=drivers[0],
+        references=tuple(drivers[1:count]),
+        strata=dict(zip(strata, labels.T, strict=True)),
+        trivial=tuple(drivers[count:]),
     )
     if [driver.name for driver in evidence.trivial] != list(trivial):
         raise UserError("the trivial drivers don't follow the references")
     if write_table(evidence).encode() != content:
-        raise UserError("it is not written as an audit writes it")
+        raise UserError(_NOT_WRITTEN)
     return evidence
 
 
-def _filled(
-    rows: Iterator[list[str]],
-    strata: list[str],
-    first: int,
-    names: list[str],
-    measured: tuple[str, ...],
-    attributes: Mapping[str, ReferenceAttributes],
-) -> tuple[np.ndarray, dict[str, np.ndarray], list[Outcomes]]:
-    """Return the seeds, the strata, and the outcomes of each driver."""
-    width = first + len(measured) * len(names)
+_PLACES = {text: place for place, text in enumerate(_KINDS)}
+_READ: dict[str, Callable[[str], float]] = {"ending": _PLACES.__getitem__, "decisions": int}
+"""Functions that read a cell, an ending as its place in `_KINDS`; else it has a number."""
+
+
+def _numbers(
+    rows: Iterator[list[str]], first: int, drivers: int, measured: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "driver column episode"]]:
+    """Return the seeds, the labels of each episode, and the numbers of each driver (`_READ`)."""
+    readers = [_READ.get(column, float) for column in measured] * drivers
+    width = first + len(readers)
     seeds: list[int] = []
     labels: list[list[str]] = []
-    episodes: list[tuple[np.ndarray, ...]] = []  # totals, kinds, lengths, what is beside, of all
+    numbers: list[np.ndarray] = []
     for row in rows:
         if len(row) != width:
             raise ValueError(f"row {len(seeds) + 1} has {len(row)} columns, not {width}")
         seeds.append(int(row[1]))
         labels.append(row[len(_INDEX) : first])
-        cells = [row[first + column :: len(measured)] for column in range(len(measured))]
-        pairs = np.array([list(map(float, cell)) for cell in cells[:2]]).T
-        if not (np.abs(pairs) <= LARGEST_REWARD).all():
-            raise ValueError(f"row {len(seeds)} has a reward that is no audit's")
-        kinds = np.array([_KINDS[cell] for cell in cells[2]], np.int64)
-        lengths = np.array(list(map(int, cells[3])), np.int64)
-        columns = [np.array(list(map(float, cell))) for cell in cells[len(MEASURED) :]]
-        for name, column in zip(measured[len(MEASURED) :], columns, strict=True):
-            event = name in QUANTITIES and not QUANTITIES[name].unit
-            if not (
-                np.isin(column, (0.0, 1.0)) if event else np.abs(column) <= LARGEST_REWARD
-            ).all():
-                raise ValueError(f"row {len(seeds)} has a {name} that is no audit's")
-        episodes.append((pairs, kinds, lengths, *columns))
+        cells = zip(readers, row[first:], strict=True)
+        numbers.append(np.array([read(cell) for read, cell in cells], np.float64))
     if not seeds:
         raise ValueError("no episodes")
-    drivers = []
-    values = list(zip(*episodes, strict=True))
-    for driver, name in enumerate(names):
-        totals, kind, length, *further = (
-            np.array([row[driver] for row in rows]) for rows in values
-        )
-        ending, contact = kind.T.copy()
-        fixed = attributes.get(name, ReferenceAttributes())
-        core = zip(COLUMNS, (*totals.T, ending, contact, length), strict=True)
-        beside = zip(measured[len(MEASURED) :], further, strict=True)
-        drivers.append(Outcomes(name, Episodes([*core, *beside]), *fixed))
-    columns = map(np.array, zip(*labels, strict=True))
-    return np.array(seeds, np.int64), dict(zip(strata, columns, strict=True)), drivers
+    values = np.array(numbers).reshape(len(seeds), drivers, len(measured)).transpose(1, 2, 0)
+    for name, column in zip(measured, values.swapaxes(0, 1), strict=True):
+        event = name in QUANTITIES and not QUANTITIES[name].unit
+        fine = np.isin(column, (0.0, 1.0)) if event else np.abs(column) <= LARGEST_REWARD
+        if not fine.all():
+            what = "reward" if name in MEASURED else name
+            row = int(fine.all(axis=0).argmin()) + 1
+            raise ValueError(f"row {row} has a {what} that is no audit's")
+    return np.array(seeds, np.int64), np.array(labels), values
 
 
 CONTEXTS = "contexts.csv"
@@ -204,16 +212,11 @@ def write_contexts(losses: ContextLosses, candidates: tuple[float, ...]) -> str:
     Returns:
         The text of the file, with the number of decisions and the loss at the declared angle too.
     """
-    episodes, contexts = losses.declared.shape
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*_FIRST, *(f"at_{angle:g}" for angle in candidates)])
-    for episode in range(episodes):
-        for context in range(contexts):
-            index = (episode, context)
-            row = [losses.decisions[index], losses.declared[index], *losses.by_angle[index]]
-            writer.writerow([*index, *(number.item() for number in row)])
-    return text.getvalue()
+    rows: list[list[object]] = [[*_FIRST, *(f"at_{angle:g}" for angle in candidates)]]
+    for index in np.ndindex(losses.declared.shape):
+        row = [losses.decisions[index], losses.declared[index], *losses.by_angle[index]]
+        rows.append([*index, *(number.item() for number in row)])
+    return _text(rows)
 
 
 def read_contexts(
@@ -231,15 +234,13 @@ def read_contexts(
         UserError: If it is not exactly as `write_contexts` writes it.
     """
     shape = (episodes, contexts)
-    try:
-        rows = list(csv.reader(io.StringIO(content.decode(), newline=""), strict=True))[1:]
+    with _rows_of(content, "contexts") as lines:
+        rows = list(lines)[1:]
         decisions = np.array([int(row[2]) for row in rows], np.int64).reshape(shape)
         declared = np.array([float(row[3]) for row in rows]).reshape(shape)
         by_angle = np.array([list(map(float, row[4:])) for row in rows])
         losses = ContextLosses(declared, by_angle.reshape(*shape, len(candidates)), decisions)
-    except (ValueError, IndexError, OverflowError, csv.Error) as error:
-        raise UserError(f"it is not a table of contexts: {one_line(str(error))}") from error
     finite = all(np.isfinite(values).all() for values in losses)
     if not finite or write_contexts(losses, candidates).encode() != content:
-        raise UserError("it is not written as an audit writes it")
+        raise UserError(_NOT_WRITTEN)
     return losses

@@ -6,7 +6,6 @@ import functools
 import importlib.metadata
 import json
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,6 +17,7 @@ from gymnasium import spaces
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymSimulator
 from socialiq.reading import sha256_of_file
+from socialiq.types import Json
 from socialiq.worlds.catalogue import scene_named
 from socialiq.worlds.environment import action_bounds, make_environment, paired, sizes
 from socialiq.worlds.gym import RoadEnv
@@ -40,14 +40,14 @@ class Environment(World):
     """
 
     name: str  # as for `worlds.environment.make_environment`
-    options: Mapping[str, Any]  # its keyword arguments
+    options: Json  # its keyword arguments
     env: gymnasium.Env[Any, Any]
 
     shows_time: ClassVar[bool] = False
     draws_by_seed: ClassVar[bool] = True
 
     @staticmethod
-    def of(name: str, options: Mapping[str, Any], allow_code: bool) -> Environment:
+    def of(name: str, options: Json, allow_code: bool) -> Environment:
         """Make the environment, as `make_environment` does.
 
         Args:

@@ -14,6 +14,9 @@ from socialiq.worlds.road_users import ROAD_USERS
 Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule", "range"]
 FORMAT = 1
 
+Range = tuple[float, float]
+"""Lower and upper end."""
+
 RULE = "angle_rule"
 CLIP = "clip"
 CAUSED = "caused"
@@ -27,7 +30,7 @@ class Quantity(NamedTuple):
     words: str  # in reports, before its amount
     unit: str  # on a road; "" of an event, whose mean is a share of episodes
     meaning: str
-    range: tuple[float, float]  # within which an episode counts by default
+    range: Range  # within which an episode counts by default
     of: str = "vehicles"  # class of road users
 
 

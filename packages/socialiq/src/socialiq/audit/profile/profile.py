@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import datetime
-import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from socialiq.audit.profile import fields
 from socialiq.audit.profile.environment import Environment
+from socialiq.audit.profile.fields import Range
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.effects import IN_SUMO, QUANTITIES
 from socialiq.foreign import one_line
+from socialiq.reading import sha256_of
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
+from socialiq.types import Json
 from socialiq.worlds import IDS, OLD_IDS
 from socialiq.worlds.catalogue import (
     GRIDS,
@@ -46,7 +48,7 @@ def is_recorded(name: str) -> bool:
     return name.endswith(WORLD_SUFFIX)
 
 
-def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
+def world_of(name: str, options: Json, allow_code: bool = False) -> World:
     """Build a world from unchecked values of a file: its name, or a file of a recorded junction.
 
     Args:
@@ -95,7 +97,7 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
 
 def scenario_sha256(world: World) -> str:
     """Return the SHA-256 of a world's description: its name and every option."""
-    return hashlib.sha256(world.description.encode()).hexdigest()
+    return sha256_of(world.description)
 
 
 def identity(world: World) -> dict[str, str]:
@@ -109,12 +111,12 @@ def identity(world: World) -> dict[str, str]:
     text = json.dumps(reward, sort_keys=True, separators=(",", ":"))
     return {
         "reward.id": world.reward_id,
-        "reward.sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "reward.sha256": sha256_of(text),
         "scenario.sha256": scenario_sha256(world),
     }
 
 
-def check_options(options: Mapping[str, Any]) -> None:
+def check_options(options: Json) -> None:
     """Check that options of an environment, whose types are not known, have a moderate size.
 
     Raises:
@@ -177,11 +179,11 @@ class Margin:
 class Clip:
     """Limits at which the rewards of an episode are counted, of every driver alike."""
 
-    r_env: tuple[float, float]
-    r_social: tuple[float, float]
+    r_env: Range
+    r_social: Range
 
     @property
-    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+    def ends(self) -> tuple[Range, Range]:
         """The smallest rewards (env, social) that count, and the largest."""
         lows, highs = zip(self.r_env, self.r_social, strict=True)
         return lows, highs
@@ -207,7 +209,7 @@ class Scenario:
     """Scenario of the audit: world, options that differ from the defaults, SHA-256."""
 
     world: str
-    options: Mapping[str, Any]
+    options: Json
     sha256: str
 
 
@@ -218,7 +220,7 @@ class Bound:
     quantity: str
     side: str  # one of `fields.SIDES`
     limit: float
-    range: tuple[float, float] | None = None  # within which an episode counts; None of an event
+    range: Range | None = None  # within which an episode counts; None of an event
 
     @staticmethod
     def of(name: str, limit: float, limits: Sequence[float] | None = None) -> Bound:
@@ -317,7 +319,7 @@ class Profile:
     @property
     def sha256(self) -> str:
         """SHA-256 of the file's bytes: one changed byte, and it is another declaration."""
-        return hashlib.sha256(self.source).hexdigest()
+        return sha256_of(self.source)
 
     def world(self, allow_code: bool = False) -> World:
         """Build the world of the scenario; an environment's module is imported if that is allowed.
@@ -337,7 +339,7 @@ class Traffic(NamedTuple):
     """Another traffic in the declared world, by the options that differ from the declaration's."""
 
     name: str
-    options: Mapping[str, Any]
+    options: Json
     world: World
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime
+import math
 import re
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,6 +15,7 @@ from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile, 
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
+from socialiq.types import Json
 from socialiq.worlds.catalogue import GRIDS, KNOWN, ROADS, base
 from socialiq.worlds.files import refuse_file
 from socialiq.worlds.situation import check_rule
@@ -136,7 +137,7 @@ class _Reader:
             caused=caused,
         )
 
-    def _checked_bounds(self, values: Mapping[str, Any]) -> tuple[Bound, ...]:
+    def _checked_bounds(self, values: Json) -> tuple[Bound, ...]:
         """Check the bounds of what the policy causes; return those that are declared."""
         bounds = list[Bound]()
         world = values["scenario.world"]
@@ -174,7 +175,7 @@ class _Reader:
             bounds.append(Bound.of(name, limit, limits))
         return tuple(bounds)
 
-    def _checked_margins(self, values: Mapping[str, Any]) -> Clip | None:
+    def _checked_margins(self, values: Json) -> Clip | None:
         """Check margins, largest loss, width and clip against each other; return the clip."""
         limits = [values["clip.r_env"], values["clip.r_social"]]
         for name, other in (("r_env", limits[1]), ("r_social", limits[0])):
@@ -233,7 +234,7 @@ class _Reader:
             return [float(end) for end in value]
         return float(value) if field.kind == "number" else value
 
-    def _check_scenario(self, values: Mapping[str, Any]) -> None:
+    def _check_scenario(self, values: Json) -> None:
         """Check that the world exists and has the declared hashes."""
         name = values["scenario.world"]
         options = values["scenario.options"]
@@ -259,26 +260,24 @@ class _Reader:
                 self.refuse(path, declared.WRONG_WORLD.format(path=path, value=value))
 
 
+_NUMBERS = (int, float)
+"""Types of a number: a boolean is none. NaN compares false, and a huge int is not converted."""
+
+
 def _fits(field: fields.Field, value: Any) -> bool:
     if field.kind == "number":
-        # A boolean is an int, NaN compares false, and a huge int is compared without conversion.
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if type(value) not in _NUMBERS:
             return False
         over = value > field.low if field.above_low else value >= field.low
         return over and (value < field.high if field.below_high else value <= field.high)
     if field.kind == "date":
         return type(value) is datetime.date  # a datetime is a date too
     if field.kind == "range":
-        numbers = (
-            isinstance(value, list)
-            and len(value) == 2
-            and all(not isinstance(end, bool) and isinstance(end, int | float) for end in value)
-        )
-        return numbers and field.low <= value[0] < value[1] <= field.high
-    if field.kind == "rule":
-        return isinstance(value, dict)
-    if field.kind == "options":
-        return isinstance(value, dict) and len(value) <= fields.MOST_OPTIONS
+        numbers = isinstance(value, list) and [type(end) in _NUMBERS for end in value]
+        return numbers == [True, True] and field.low <= value[0] < value[1] <= field.high
+    if field.kind in ("rule", "options"):
+        most = fields.MOST_OPTIONS if field.kind == "options" else math.inf
+        return isinstance(value, dict) and len(value) <= most
     if not isinstance(value, str):
         return False
     if field.kind == "sha256":

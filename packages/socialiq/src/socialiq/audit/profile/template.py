@@ -6,7 +6,7 @@ import datetime
 import json
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from socialiq.audit.profile.profile import Bound, Clip, Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.social.angle import exact_weights
 from socialiq.social.angle_rule import AngleRule
+from socialiq.types import Json
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, base
 from socialiq.worlds.grammar import declared as spelled_out
@@ -56,9 +57,7 @@ field in a gridworld (docs/audit.md#bounds-of-effects). Those of people on a roa
 `road_users.ROAD_USERS`, and are the same for every angle."""
 
 
-def limits_at(
-    world: str, angle: float, options: Mapping[str, Any] | None = None
-) -> dict[str, float]:
+def limits_at(world: str, angle: float, options: Json | None = None) -> dict[str, float]:
     """Return the default bounds of effects.
 
     A policy whose floor asks for no arrivals may cost vehicles on a road three times as much.
@@ -109,7 +108,7 @@ _WIDTHS = ((0.0, 30.0), (45.0, 45.0))
 the dial drives nearly alike from 0 to 60 degrees."""
 
 
-def usual_in(world: str, options: Mapping[str, Any]) -> Usual:
+def usual_in(world: str, options: Json) -> Usual:
     """Return the defaults of a declaration in a world.
 
     Args:
@@ -131,7 +130,7 @@ def declare(
     world: str,
     margin: Margin,
     date: datetime.date,
-    options: Mapping[str, Any] | None = None,
+    options: Json | None = None,
     confidence: float = 0.95,
     competence: Floor = FLOOR,
     allow_code: bool = False,
@@ -181,7 +180,7 @@ def declare(
     return parse(_text(values).encode())
 
 
-def _text(values: Mapping[str, Any]) -> str:
+def _text(values: Json) -> str:
     lines = [*_comment(_HEADING), ""]
     table = ""
     for field in FIELDS:

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
+from socialiq.types import Json
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION, base, scene_named
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
@@ -65,7 +66,7 @@ class MovingPicture:
 
     kind: str  # "worst" or "median"
     number: int  # number of the episode of this kind, from 1
-    row: Mapping[str, Any]  # its row in the report
+    row: Json  # its row in the report
     seconds: float  # duration of a round, with `HELD`; 0 without a trace
     ground: Ground  # road and sizes
     way: str  # path of the ego
@@ -76,7 +77,7 @@ class MovingPicture:
     ended: float = 0.0  # when the episode has ended, in percent of a round
 
 
-def moving(report: Mapping[str, Any]) -> list[MovingPicture]:
+def moving(report: Json) -> list[MovingPicture]:
     """Return the moving pictures of a report, none in an environment of other code."""
     ground = ground_of(report["declaration"]["scenario"]["world"])
     if ground is None:
@@ -139,7 +140,7 @@ def ground_of(world: str) -> Ground | None:
     return Ground(view, " ".join(outlines), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2, along)
 
 
-def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> MovingPicture:
+def _picture(kind: str, number: int, row: Json, ground: Ground) -> MovingPicture:
     trace = row["trace"]
     if trace is None:
         return MovingPicture(kind, number, row, 0.0, ground, "", ())

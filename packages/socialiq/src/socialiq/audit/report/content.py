@@ -6,11 +6,11 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
-from socialiq.audit.evidence.replay import path_of
+from socialiq.audit.evidence.replay import Chosen, Traces, path_of
 from socialiq.audit.look import Look
 from socialiq.audit.profile.fields import QUANTITIES
 from socialiq.audit.profile.profile import Profile, Traffic, is_recorded
@@ -22,6 +22,7 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
+from socialiq.types import Json, Row
 from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
 
 FORMAT = 3
@@ -46,23 +47,23 @@ class Audited:
     """Data and results of an audit."""
 
     profile: Profile
-    policy: Mapping[str, Any]  # the policy's record as JSON: kind, source, sha256, covers and more
+    policy: Json  # the policy's record as JSON: kind, source, sha256, covers and more
     deterministic: bool  # whether it took its best actions
     drawn: Draw  # commitment and seed
     look: Look | None  # None without a log
-    records: Mapping[str, Mapping[str, Any] | None]  # of loaded references
+    records: Mapping[str, Json | None]  # of loaded references
     reference_files: Sequence[str]  # the user's references, as given with `--reference`
     left_out: Sequence[str]  # names of references that are the policy itself
     consistency: Consistency | None  # None if the policy was not asked again
     evidence: Sequence[Evidence]  # of all references, then the same in each other traffic
     traffic: Sequence[Traffic]
-    episodes: Mapping[str, Sequence[Mapping[str, Any]]]  # result of `replay.selected`
+    episodes: Chosen  # result of `replay.selected`
     films: Mapping[str, bytes]  # films by path in the folder: `replay.path_of`
-    traces: Mapping[str, Sequence[Any]]  # result of `replay.traces_of`, or the same as JSON
+    traces: Traces
     command: str  # which repeats the audit
     started: datetime.datetime
 
-    def references(self, left_out: bool) -> list[dict[str, Any]]:
+    def references(self, left_out: bool) -> list[Row]:
         """Return the rows of the references that are the policy itself, or of those that are not.
 
         Args:
@@ -82,8 +83,7 @@ class Results(NamedTuple):
     verdict: Verdict
     discrimination: judged.Discrimination
     strata: tuple[judged.Stratum, ...]
-    shifts: tuple[judged.Shift, ...] | None  # None without other traffic
-    shifted: str  # the shift check in a sentence, "" without it
+    shifts: tuple[judged.Shift, ...] = ()  # none without other traffic
 
 
 def results_of(audited: Audited) -> Results:
@@ -114,12 +114,12 @@ def results_of(audited: Audited) -> Results:
     verdict = conclude(verdict, [text for text in findings if text])
     strata = judged.stratified(compared, profile.angle, verdict.regret.best, profile.confidence)
     if not audited.traffic:
-        return Results(verdict, discrimination, strata, None, "")
+        return Results(verdict, discrimination, strata)
     shifts = judged.shift_of(profile, compared, audited.traffic, there, seed)
-    return Results(verdict, discrimination, strata, shifts, judged.sentence_of(shifts))
+    return Results(verdict, discrimination, strata, shifts)
 
 
-def content(audited: Audited) -> dict[str, Any]:
+def content(audited: Audited) -> Json:
     """Judge, and return the report as one JSON object, which `report.schema.json` describes."""
     profile = audited.profile
     look = audited.look
@@ -206,12 +206,12 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     ]
 
 
-def _shift(results: Results, elsewhere: Sequence[Evidence]) -> dict[str, Any] | None:
-    if results.shifts is None:
+def _shift(results: Results, elsewhere: Sequence[Evidence]) -> Json | None:
+    if not results.shifts:
         return None
     fields = ("name", "angles", "expected")  # of references, which the table of episodes lacks
     return {
-        "sentence": results.shifted,
+        "sentence": judged.sentence_of(results.shifts),
         "otherwise": any(shift.significant for shift in results.shifts),
         "traffic": [
             vars(shift)
@@ -226,7 +226,7 @@ def _shift(results: Results, elsewhere: Sequence[Evidence]) -> dict[str, Any] | 
     }
 
 
-def _declaration(profile: Profile) -> dict[str, Any]:
+def _declaration(profile: Profile) -> Json:
     """Return the declaration; there are no fields of a rule or of bounds that it lacks."""
     declared = {**vars(profile), "sha256": profile.sha256}
     rule = profile.rule
@@ -238,7 +238,7 @@ def _declaration(profile: Profile) -> dict[str, Any]:
     return declared
 
 
-def seeds_of(draw: Draw, episodes: int) -> dict[str, Any]:
+def seeds_of(draw: Draw, episodes: int) -> Json:
     """Return the section `seeds` of the report.
 
     Args:
@@ -267,7 +267,7 @@ def seeds_of(draw: Draw, episodes: int) -> dict[str, Any]:
     }
 
 
-def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
+def driver_row(driver: Outcomes, angle: float) -> Row:
     """Return one driver's means.
 
     Args:

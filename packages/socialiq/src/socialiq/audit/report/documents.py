@@ -7,8 +7,7 @@ known. This module has the facts about the package's own worlds; an environment'
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from socialiq.audit.profile.profile import is_recorded, measured_in
 from socialiq.audit.report.words import stated
@@ -16,13 +15,14 @@ from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import joint_decision
 from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
+from socialiq.types import Json
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION, KNOWN, base
 
 CONTINUOUS = "intersection with continuous actions"
 JUNCTION = "recorded junction"
 
 
-def shows_angle(report: Mapping[str, Any]) -> bool:
+def shows_angle(report: Json) -> bool:
     """Whether a pass shows the declared angle, or rule: no trivial driver passes, nor a neighbour.
 
     Without a declared width drivers of other angles pass too.
@@ -32,7 +32,7 @@ def shows_angle(report: Mapping[str, Any]) -> bool:
     return not undirected and not report["discrimination"]["trivial_passes"]
 
 
-def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
+def credibility(report: Json) -> Json:
     """Return the facts for the page `credibility.md`.
 
     `kind` is `INTERSECTION`, `CONTINUOUS`, `JUNCTION`, "gridworld" or "environment"; `assumptions`
@@ -71,7 +71,7 @@ class Claim(NamedTuple):
     below: tuple[str, ...] = ()  # ids of the nodes that support it
 
 
-def claims(report: Mapping[str, Any]) -> list[Claim]:
+def claims(report: Json) -> list[Claim]:
     """Return the nodes of the tree, the root first."""
     where = f"at {report['declaration']['angle']:g} degrees"
     where = "by its rule of the angle" if "angle_rule" in report["declaration"] else where
@@ -148,7 +148,7 @@ def mermaid(tree: list[Claim]) -> str:
 _CODE = ("process", "python", "rule")  # kinds of policies that are not one file
 
 
-def materials(report: Mapping[str, Any]) -> bytes:
+def materials(report: Json) -> bytes:
     """Return the bill of materials as CycloneDX 1.7.
 
     Training data are not known to an audit, so they are left out.

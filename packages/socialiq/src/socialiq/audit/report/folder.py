@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence
@@ -19,8 +18,9 @@ from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
 from socialiq.outputs import check_output_folder, whole_folder
-from socialiq.policies.interface import sha256_of
+from socialiq.reading import sha256_of
 from socialiq.storage import write_atomically
+from socialiq.types import Json
 
 REPORT = "report.json"
 EVIDENCE = "episodes.csv"
@@ -36,7 +36,7 @@ PREDICATE_TYPE = "https://socialiq.example/audit/v1"  # a name, as in-toto requi
 _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 
 
-def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, bytes]:
+def sealed(files: Mapping[str, bytes], report: Json) -> dict[str, bytes]:
     """Return files by path with their statement, and the manifest of all these.
 
     Args:
@@ -53,7 +53,7 @@ def manifest(files: Mapping[str, bytes]) -> bytes:
     return "".join(f"{sha256_of(files[name])}  {name}\n" for name in names).encode()
 
 
-def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
+def statement(files: Mapping[str, bytes], report: Json) -> bytes:
     """Return the in-toto Statement v1 that these files are the result of this audit.
 
     Args:
@@ -88,7 +88,7 @@ def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
 
 
 def files_of(
-    report: Mapping[str, Any],
+    report: Json,
     profile: Profile,
     evidence: Sequence[Evidence],
     films: Mapping[str, bytes] | None = None,
@@ -132,20 +132,21 @@ def evidence_path(traffic: int) -> str:
     return f"episodes-shift-{traffic}.csv" if traffic else EVIDENCE
 
 
-def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
+def views_of(report: Json) -> dict[str, bytes]:
     """Return the files that are made from the report alone."""
     tree = claims(report)
     diagram = Markdown(mermaid(tree))
     objects = [{**claim._asdict(), "below": list(claim.below)} for claim in tree]
+    pages = {
+        "report.md": {},
+        "annex-iv.md": {},
+        "nist-ai-rmf.md": {},
+        "safety-case.md": {"claims": tree, "diagram": diagram},
+        "credibility.md": {"facts": credibility(report)},
+    }
     return {
         "report.html": html(report).encode(),
-        "report.md": markdown(report).encode(),
-        "annex-iv.md": markdown(report, "annex-iv.md.j2").encode(),
-        "nist-ai-rmf.md": markdown(report, "nist-ai-rmf.md.j2").encode(),
-        "safety-case.md": markdown(
-            report, "safety-case.md.j2", claims=tree, diagram=diagram
-        ).encode(),
-        "credibility.md": markdown(report, "credibility.md.j2", facts=credibility(report)).encode(),
+        **{name: markdown(report, f"{name}.j2", **pages[name]).encode() for name in pages},
         "ml-bom.cdx.json": materials(report),
         "claims.json": (json.dumps(objects, indent=2) + "\n").encode(),
     }

@@ -7,11 +7,16 @@ true.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from socialiq.physics import wrapped
+from socialiq.types import Json
+
+Point = tuple[float, float]
 
 _MARGIN = 0.06  # of the span, left free on every side
 
@@ -37,28 +42,26 @@ class Scale:
     """Places of points (x, y) in a box, above the smallest x and y, by a factor of the reward."""
 
     box: Box
-    low: tuple[float, float]
+    low: Point
     factor: float
 
     @staticmethod
-    def over(points: Sequence[tuple[float, float]], box: Box) -> Scale:
+    def over(points: Sequence[Point], box: Box) -> Scale:
         """Return the largest scale with all points inside, centred.
 
         Args:
             points: Points (x, y) in units of reward.
             box: Position of the axes in the picture.
         """
-        wide = box.right - box.left
-        high = box.bottom - box.top
-        lows = [min(axis) for axis in zip(*points, strict=True)]
-        highs = [max(axis) for axis in zip(*points, strict=True)]
-        spans = [max(high - low, 1e-3) for low, high in zip(lows, highs, strict=True)]
-        factor = (1 - 2 * _MARGIN) * min(wide / spans[0], high / spans[1])
-        centre = [(low + high) / 2 for low, high in zip(lows, highs, strict=True)]
-        low = centre[0] - wide / (2 * factor), centre[1] - high / (2 * factor)
-        return Scale(box, low, factor)
+        size = np.array([box.right - box.left, box.bottom - box.top])
+        lows = np.min(points, axis=0)
+        highs = np.max(points, axis=0)
+        spans = np.maximum(highs - lows, 1e-3)
+        factor = float((1 - 2 * _MARGIN) * np.min(size / spans))
+        x, y = ((lows + highs) / 2 - size / (2 * factor)).tolist()
+        return Scale(box, (x, y), factor)
 
-    def at(self, x: float, y: float) -> tuple[float, float]:
+    def at(self, x: float, y: float) -> Point:
         """Return the place of a point in the picture.
 
         Args:
@@ -105,7 +108,7 @@ def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, st
     return [(number, f"{number + 0.0:g}".replace("-", "−")) for number in numbers]
 
 
-def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
+def path(points: Sequence[Point], closed: bool = False) -> str:
     """Return straight lines through places as an SVG path.
 
     Args:
@@ -119,7 +122,6 @@ def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
 BOX = Box(44, 10, 352, 258)
 _ROUND = 72  # points of an ellipse
 _APART = 10.0  # units of the picture between marks whose numbers can be read
-Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,7 @@ class Panel:
     cloud: tuple[Point, ...] = ()  # places of single episodes
 
 
-def means(report: Mapping[str, Any]) -> Panel:
+def means(report: Json) -> Panel:
     """Return the means of the policy and all references, with the declared direction."""
     region = _ellipse(report["tests"]["identifiability"])
     references = [_of(row) for row in report["references"]]
@@ -165,16 +167,18 @@ def means(report: Mapping[str, Any]) -> Panel:
             break
         tip = (0.97 * tip[0], 0.97 * tip[1])
     marks: list[Mark] = []
-    for number, point in enumerate((scale.at(*point) for point in references), 1):
+    best = None
+    for number, (row, point) in enumerate(zip(report["references"], references, strict=True), 1):
+        x, y = scale.at(*point)
         visible = (mark for mark in marks if not mark.hidden)
-        hidden = any(math.dist(point, (mark.x, mark.y)) < _APART for mark in visible)
-        marks.append(Mark(number, *point, hidden))
-    best_name = report["tests"]["regret"]["best"]
-    best = [scale.at(*_of(row)) for row in report["references"] if row["name"] == best_name]
+        hidden = any(math.dist((x, y), (mark.x, mark.y)) < _APART for mark in visible)
+        marks.append(Mark(number, x, y, hidden))
+        if row["name"] == report["tests"]["regret"]["best"]:
+            best = (x, y)
     return _panel(
         scale,
         mean,
-        best=best[0] if best else None,
+        best=best,
         marks=tuple(marks),
         front=path([scale.at(*point) for point in front(references)]),
         ellipse=path([scale.at(*point) for point in region], closed=True),
@@ -182,21 +186,21 @@ def means(report: Mapping[str, Any]) -> Panel:
     )
 
 
-def episodes(report: Mapping[str, Any]) -> Panel:
+def episodes(report: Json) -> Panel:
     """Return single episodes of the policy around their mean."""
     scale = scale_of(report)
     cloud = tuple(scale.at(*point) for point in _cloud(report))
     return _panel(scale, _of(report["policy"]["means"]), cloud=cloud)
 
 
-def scale_of(report: Mapping[str, Any]) -> Scale:
+def scale_of(report: Json) -> Scale:
     """Return the scale of both pictures: all of either is inside."""
     region = _ellipse(report["tests"]["identifiability"])
     means = [_of(row) for row in (report["policy"]["means"], *report["references"])]
     return Scale.over([*means, *region, *_cloud(report), (0.0, 0.0)], BOX)
 
 
-def _cloud(report: Mapping[str, Any]) -> list[Point]:
+def _cloud(report: Json) -> list[Point]:
     return [(float(env), float(social)) for env, social in report["cloud"]]
 
 
@@ -227,7 +231,7 @@ def _panel(scale: Scale, mean: Point, **parts: Any) -> Panel:
     )
 
 
-def _ellipse(region: Mapping[str, Any]) -> list[Point]:
+def _ellipse(region: Json) -> list[Point]:
     tilt = math.radians(region["tilt"])
     points = []
     for step in range(_ROUND):
@@ -239,7 +243,7 @@ def _ellipse(region: Mapping[str, Any]) -> list[Point]:
     return points
 
 
-def _of(row: Mapping[str, Any]) -> Point:
+def _of(row: Json) -> Point:
     return float(row["r_env"]), float(row["r_social"])
 
 
@@ -253,17 +257,17 @@ class AnglePicture:
 
     box: Box
     x_ticks: list[Tick]
-    ends: tuple[float, float]  # where own progress alone counts, and where others alone do
+    ends: Point  # where own progress alone counts, and where others alone do
     y_ticks: list[Tick]
     allowed: float  # height of the margin: from the axis' end to it regrets are allowed
     curve: str  # path of the regret at every angle
     within: tuple[str, ...]  # parts of it within the margin
     declared: Point  # place of the regret at the declared angle
-    bounds: tuple[float, float]  # heights of its bounds
+    bounds: Point  # heights of its bounds
     least: Point | None  # place of the smallest regret, if it is beyond the margin, else None
 
 
-def angles(report: Mapping[str, Any]) -> AnglePicture:
+def angles(report: Json) -> AnglePicture:
     """Return the picture of a report."""
     test = report["tests"]["regret"]
     rationalised = report["tests"]["rationalised"]
@@ -306,7 +310,7 @@ def angles(report: Mapping[str, Any]) -> AnglePicture:
     )
 
 
-def regret_at(report: Mapping[str, Any], angle: float) -> float:
+def regret_at(report: Json, angle: float) -> float:
     """Return the regret at an angle in degrees, towards the best reference by the mean rewards.
 
     Args:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import hashlib
 import json
 import math
 import re
@@ -28,12 +27,13 @@ from socialiq.audit.profile.profile import Profile, Traffic, other_traffic, whol
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.content import Audited, content, seeds_of
 from socialiq.audit.report.folder import PROFILE, REPORT, evidence_path
-from socialiq.audit.report.words import ALWAYS, OF_CODE
+from socialiq.audit.report.words import ALWAYS, OF_CODE, references_of
 from socialiq.audit.request import is_itself
 from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, episode_seeds
 from socialiq.errors import UserError
+from socialiq.reading import sha256_of
 from socialiq.to_json import to_json
-from socialiq.types import RewardPair
+from socialiq.types import Json, RewardPair
 
 TOLERANCE = 1e-9
 """Largest relative difference of a recomputed number, for which see `differences_of`."""
@@ -43,7 +43,7 @@ _CLAIMED = frozenset(
 )
 
 
-def opened_of(report: Mapping[str, Any]) -> Opened:
+def opened_of(report: Json) -> Opened:
     """Return the seed and the look of a report."""
     seeds = report["seeds"]
     hashes = report["hashes"]
@@ -57,7 +57,7 @@ def opened_of(report: Mapping[str, Any]) -> Opened:
     return Opened(Draw(commitment, seeds["seed"], seeds["source"], revealed), look)
 
 
-def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
+def faults_of_seeds(report: Json) -> list[str]:
     """Return the contradictions of a report about commitment, seed and look.
 
     Raises:
@@ -94,7 +94,7 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def differences_of(audited: Audited, report: Mapping[str, Any]) -> list[str]:
+def differences_of(audited: Audited, report: Json) -> list[str]:
     """Return the places where a report differs from what follows from its data (`audited_of`).
 
     Texts, decisions and counts must be equal. Other numbers may differ by `TOLERANCE`: another
@@ -112,7 +112,7 @@ def differences_of(audited: Audited, report: Mapping[str, Any]) -> list[str]:
     return differences(report, fresh, _CLAIMED, TOLERANCE)
 
 
-def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited:
+def audited_of(files: Mapping[str, bytes], report: Json) -> Audited:
     """Return the data of the audit that a report's files hold, by path; times are this process's.
 
     Raises:
@@ -128,7 +128,7 @@ def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited
     if shift is not None and len(shift["traffic"]) != len(traffic):
         raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
     evidence = _evidence_of(files, report, profile, draw, traffic)
-    rows = [*report["references"], *report["left_out"]]
+    rows = references_of(report)
     left_out = [row["name"] for row in rows if is_itself(row["name"], row["record"], record)]
     return Audited(
         profile=profile,
@@ -151,7 +151,7 @@ def audited_of(files: Mapping[str, bytes], report: Mapping[str, Any]) -> Audited
     )
 
 
-def named_in(report: Mapping[str, Any]) -> tuple[str, ...] | None:
+def named_in(report: Json) -> tuple[str, ...] | None:
     """Return the shifts that a report names, none for other traffic; None if it has neither."""
     rows = report["shift"]["traffic"] if report["shift"] else ()
     named = (row["options"]["shift"] for row in rows if "shift" in row["options"])
@@ -160,16 +160,16 @@ def named_in(report: Mapping[str, Any]) -> tuple[str, ...] | None:
 
 def _evidence_of(
     files: Mapping[str, bytes],
-    report: Mapping[str, Any],
+    report: Json,
     profile: Profile,
     draw: Draw,
     traffic: Sequence[Traffic],
 ) -> list[Evidence]:
     """Read the tables of episodes: the declared traffic first, then each other one."""
     scenario = report["scenario"]
-    if hashlib.sha256(scenario.encode()).hexdigest() != profile.scenario.sha256:
+    if sha256_of(scenario) != profile.scenario.sha256:
         raise UserError(f"the scenario in {REPORT} is not that of {PROFILE}")
-    collected = [("episodes", scenario, [*report["references"], *report["left_out"]])]
+    collected = [("episodes", scenario, references_of(report))]
     for number, variant in enumerate(traffic):
         rows = report["shift"]["traffic"][number]["references"]
         collected.append((f"shift {number}", variant.world.description, rows))

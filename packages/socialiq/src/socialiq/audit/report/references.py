@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 import secrets
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from socialiq.audit.report.content import Audited
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.policies import drivers
+from socialiq.types import Json
 from socialiq.worlds.catalogue import KNOWN, base
 from socialiq.worlds.world import World
 
@@ -34,17 +35,23 @@ in 170 checks."""
 _ROUNDING = 1e-9  # relative, of recomputed rewards
 
 
-class Checked(NamedTuple):
-    """Results: faults, what another processor may explain, and what is left to believe."""
+@dataclass(frozen=True)
+class Findings:
+    """Result of the checks that need neither the policy nor a key.
 
-    faults: list[str]
-    unsure: list[str]
-    believed: list[str]
+    There are no faults if the files are consistent with each other. What this version can't check,
+    or what another processor may explain, may say anything.
+    """
+
+    faults: list[str] = field(default_factory=list)
+    not_checked: list[str] = field(default_factory=list)
+    checked: list[str] = field(default_factory=list)
+    believed: list[str] = field(default_factory=list)
 
 
 def check_references(
     audited: Audited, package: str, specs: Sequence[str] = (), all_episodes: bool = False
-) -> Checked:
+) -> Findings:
     """Drive the references again, by the audit's seeds, and compare them with a report's data.
 
     Args:
@@ -54,7 +61,7 @@ def check_references(
         all_episodes: Whether all episodes are driven again, not a sample.
     """
     profile = audited.profile
-    results = Checked([], [], [])
+    results = Findings()
     try:
         world = profile.world()
     except UserError:
@@ -105,9 +112,9 @@ def _check_list(
     audited: Audited,
     evidence: Evidence,
     driven: Sequence[Outcomes],
-    records: Mapping[str, Any],
+    records: Json,
     package: str,
-    results: Checked,
+    results: Findings,
 ) -> None:
     """Compare the references' names and records with those that the declaration's world has."""
     names = {driver.name: driver for driver in evidence.references}
@@ -135,9 +142,7 @@ def _check_list(
         results.believed.append(line)
 
 
-def _agree(
-    written: Mapping[str, Any] | None, fresh: Mapping[str, Any] | None, package: str
-) -> bool:
+def _agree(written: Json | None, fresh: Json | None, package: str) -> bool:
     """Whether two records as JSON describe one driver; a rule's hash covers the package's."""
     if written is None or fresh is None:
         return written is fresh
@@ -147,7 +152,7 @@ def _agree(
 
 
 def _shipped_policy(
-    audited: Audited, world: World, package: str, results: Checked
+    audited: Audited, world: World, package: str, results: Findings
 ) -> Reference | None:
     """Return the policy if it is one of the package's, whose episodes can be driven again too."""
     record = audited.policy
@@ -173,8 +178,8 @@ def _compare(
     rows: np.ndarray,
     driven: Sequence[Outcomes],
     strata: Mapping[str, np.ndarray],
-    records: Mapping[str, Any],
-    results: Checked,
+    records: Json,
+    results: Findings,
 ) -> None:
     """Compare rows of a table with the same episodes of the drivers, and of their kinds."""
     table = {driver.name: driver for driver in evidence.drivers}
@@ -203,4 +208,4 @@ def _compare(
         few = network and count <= max(1, int(ALLOWED * len(rows)))
         if count:
             text = f"{fresh.name} drives {count} of {len(rows)} episodes otherwise than written"
-            (results.unsure if few else results.faults).append(text)
+            (results.not_checked if few else results.faults).append(text)

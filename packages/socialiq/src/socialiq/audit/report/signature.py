@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from socialiq.audit.report.folder import SIGNATURES, STATEMENT
 from socialiq.errors import UserError
-from socialiq.reading import read_bytes
+from socialiq.reading import read_bytes, sha256_of
 
 PAYLOAD_TYPE = "application/vnd.in-toto+json"
 
@@ -51,7 +50,7 @@ def key_id(key: PublicKey) -> str:
     info = key.public_bytes(
         serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo
     )
-    return hashlib.sha256(info).hexdigest()
+    return sha256_of(info)
 
 
 def read_private_key(path: Path) -> PrivateKey:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,17 +15,19 @@ from socialiq.audit.profile.reader import parse
 from socialiq.audit.report import folder as layout
 from socialiq.audit.report.folder import MANIFEST, PROFILE, REPORT, SEALS, SIGNATURES, STATEMENT
 from socialiq.audit.report.recompute import audited_of, differences_of, faults_of_seeds, opened_of
-from socialiq.audit.report.references import check_references
+from socialiq.audit.report.references import Findings, check_references
+from socialiq.audit.report.words import references_of
 from socialiq.audit.seeds import Commitment, Nonce
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
 from socialiq.reading import open_file, sha256_of_file
+from socialiq.types import Json
 
 LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 100,000
 
 
-def read_report(path: Path) -> dict[str, Any]:
+def read_report(path: Path) -> Json:
     """Read a `report.json`; `UserError` if it is missing or doesn't follow the schema."""
     if not path.is_file():
         raise UserError(f"no such file: {path}: name a folder that `socialiq audit` wrote")
@@ -34,7 +35,7 @@ def read_report(path: Path) -> dict[str, Any]:
         return _parsed(file.read(LARGEST_REPORT + 1), path)
 
 
-def _parsed(content: bytes, path: Path) -> dict[str, Any]:
+def _parsed(content: bytes, path: Path) -> Json:
     """Parse the content of a `report.json` and check it; the path is for messages."""
 
     def refuse(word: str) -> None:
@@ -55,7 +56,7 @@ def _parsed(content: bytes, path: Path) -> dict[str, Any]:
     return report
 
 
-def fault_of(value: Any, schema: dict[str, Any]) -> str:
+def fault_of(value: Any, schema: Json) -> str:
     """Return the first violation of a JSON Schema with its place in the report.
 
     Args:
@@ -127,20 +128,6 @@ def content_of(folder: Path) -> dict[str, bytes]:
     return contents
 
 
-@dataclass(frozen=True)
-class Findings:
-    """Result of the checks that need neither the policy nor a key.
-
-    There are no faults if the files are consistent with each other. What this version can't check
-    may say anything.
-    """
-
-    faults: list[str]
-    not_checked: list[str] = field(default_factory=list)
-    checked: list[str] = field(default_factory=list)
-    believed: list[str] = field(default_factory=list)
-
-
 def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = False) -> Findings:
     """Check the hashes of a folder, that its files follow from each other, and its references.
 
@@ -202,7 +189,13 @@ def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = F
     expected = {REPORT, PROFILE, *SEALS, *layout.views_of(report), *(row["film"] for row in rows)}
     expected |= {layout.evidence_path(number) for number in range(len(traffic) + 1)}
     expected |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
-    unknown = [*pages, *numbers, *again.faults, *again.unsure, *sorted(files.keys() - expected)]
+    unknown = [
+        *pages,
+        *numbers,
+        *again.faults,
+        *again.not_checked,
+        *sorted(files.keys() - expected),
+    ]
     return Findings([], unknown, checked, again.believed)
 
 
@@ -290,8 +283,8 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         differing = [f"{REPORT} is look {number} by {path}, and claims to be look {look.number}"]
     entry = next(line for line in log.entries if line["sha256"] == look.entry)
     seed = log.following(SEED, look.entry)
-    rows = [*report["references"], *report["left_out"]]
-    references = sorted(row["record"]["sha256"] for row in rows if row["record"] is not None)
+    records = [row["record"] for row in references_of(report)]
+    references = sorted(record["sha256"] for record in records if record is not None)
     claims = {
         "policy": (entry["policy_sha256"], report["hashes"]["policy"]),
         "declaration": (entry["profile_sha256"], report["hashes"]["profile"]),

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import bisect
 import functools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.fields import QUANTITIES
+from socialiq.audit.evidence.outcomes import criterion
+from socialiq.audit.profile.fields import QUANTITIES, Range
 from socialiq.audit.profile.profile import is_recorded, measured_in, world_of
 from socialiq.audit.report import animations, pictures, words
 from socialiq.audit.report.documents import shows_angle
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.physics import wrapped
+from socialiq.types import Json
 from socialiq.worlds.catalogue import KNOWN, base, in_sumo
 from socialiq.worlds.road_users import ROAD_USERS
 
@@ -30,7 +32,7 @@ class Replays(NamedTuple):
     allowed: str
 
 
-def replays(report: Mapping[str, Any]) -> Replays | None:
+def replays(report: Json) -> Replays | None:
     """Return the replays of a report's episodes; None where none has decisions."""
     rows = [
         {"kind": kind, "number": number, "actions": row["trace"]["actions"]}
@@ -92,11 +94,6 @@ def amount(value: Real, unit: str = "") -> str:
     return f"{number(value)} {unit}" if unit else percent(value)
 
 
-def criterion(name: str) -> str:
-    """Return what a driver does by the name of a bound's quantity."""
-    return CRITERIA.get(name) or QUANTITIES[name].words
-
-
 def degrees(angle: Real | None) -> str:
     """Return an angle to one decimal, without a decimal that is 0."""
     return "–" if angle is None else f"{round(angle, 1) + 0.0:g}°".replace("-", "−")
@@ -123,33 +120,31 @@ def arcs(ranges: Sequence[dict[str, Real]]) -> str:
     return ", ".join(arc(bounds["low"], bounds["high"]) for bounds in ranges) or "none"
 
 
+_TURNS = (0.0, 45.0, 90.0, 180.0, 270.0)  # degrees
+_MEANINGS = (
+    "only its own progress counts",
+    "its own progress counts more than the ease of the others",
+    "its own progress and the ease of the others count alike",
+    "the ease of the others counts more than its own progress",
+    "only the ease of the others counts",
+    "the ease of the others counts, and its own progress counts against it",
+    "losing its own progress is all that counts",
+    "both its own progress and the ease of the others count against it",
+    "hindering the others is all that counts",
+    "its own progress counts, and the ease of the others counts against it",
+)
+"""Meaning of each of `_TURNS`, and of the angles behind it."""
+
+
 def meaning(angle: Real) -> str:
     """Return the meaning of an angle for a driver."""
-    progress = "its own progress"
-    ease = "the ease of the others"
-    exact = {
-        0.0: f"only {progress} counts",
-        45.0: f"{progress} and {ease} count alike",
-        90.0: f"only {ease} counts",
-        180.0: f"losing {progress} is all that counts",
-        270.0: "hindering the others is all that counts",
-    }
-    if angle in exact:
-        return exact[angle]
-    if angle < 90.0:
-        heavier, less = (progress, ease) if angle < 45.0 else (ease, progress)
-        return f"{heavier} counts more than {less}"
-    if angle < 180.0:
-        return f"{ease} counts, and {progress} counts against it"
-    if angle < 270.0:
-        return f"both {progress} and {ease} count against it"
-    return f"{progress} counts, and {ease} counts against it"
+    return _MEANINGS[bisect.bisect_left(_TURNS, angle) + bisect.bisect_right(_TURNS, angle) - 1]
 
 
 OUTCOMES = {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}
 
 
-def headline(report: Mapping[str, Any]) -> str:
+def headline(report: Json) -> str:
     """Return the verdict in words, without "as declared" if the angle is not shown."""
     decision = report["verdict"]["decision"]
     return VERDICTS["kept" if decision == "pass" and not shows_angle(report) else decision]
@@ -162,21 +157,20 @@ def between(above: Real | None, below: Real | None) -> str:
         above: Lower end in degrees; None if the range has no lower limit.
         below: Upper end in degrees; None if the range has no upper limit.
     """
-    if above is None or below is None:
-        ends = [f"below {degrees(below)}"] if below is not None else []
-        return (ends or [f"above {degrees(above)}" if above is not None else "every angle"])[0]
-    return f"{degrees(above)} to {degrees(below)}"
+    if above is None:
+        return "every angle" if below is None else f"below {degrees(below)}"
+    return f"above {degrees(above)}" if below is None else f"{degrees(above)} to {degrees(below)}"
 
 
-def not_excluded(report: Mapping[str, Any]) -> str:
+def not_excluded(report: Json) -> str:
     """Return the angles that the direction of the driving doesn't exclude, in a sentence."""
-    direction = report["tests"]["direction"]
-    if direction is None or not direction["sides"]:
+    if span(report) is None:
         return ""
+    direction = report["tests"]["direction"]
     return f"Angles not excluded: {between(direction['above'], direction['below'])}."
 
 
-def span(report: Mapping[str, Any]) -> tuple[float, float] | None:
+def span(report: Json) -> Range | None:
     """Return the angles of 0 to 90 degrees that the direction doesn't exclude, or None."""
     direction = report["tests"]["direction"]
     if direction is None or not direction["sides"]:
@@ -186,74 +180,69 @@ def span(report: Mapping[str, Any]) -> tuple[float, float] | None:
     return (0.0 if above is None else above, 90.0 if below is None else below)
 
 
-def tested(report: Mapping[str, Any]) -> list[dict[str, str]]:
+_COLUMNS = ("test", "name", "result", "estimate", "low", "high", "asked for")
+_OF_SHARE = ("share", "low", "high")
+
+
+def tested(report: Json) -> list[dict[str, str]]:
     """Return the rows of all tests that decide, in words; `test` is the name in 20 characters."""
     tests = report["tests"]
-    angle = degrees(report["declaration"]["angle"])
-    units = measured_in(report["declaration"]["scenario"]["world"])
+    declared = report["declaration"]
+    units = measured_in(declared["scenario"]["world"])
     regret, direction, character = (tests[key] for key in ("regret", "direction", "character"))
+    rows = []
 
-    def row(
-        test: str, name: str, result: Mapping[str, Any], value: Any, most: str
-    ) -> dict[str, str]:
-        cells = {"estimate": value(result.get("regret", result.get("share")))}
-        cells |= {end: value(result[end]) for end in ("low", "high")}
-        cells |= {"asked for": most}
-        return {"test": test, "name": name, "result": OUTCOMES[result["decision"]], **cells}
+    def add(test: str, name: str, decision: str, asked: str, *ends: str) -> None:
+        cells = (test, name, OUTCOMES[decision], *ends, asked)
+        rows.append(dict(zip(_COLUMNS, cells, strict=True)))
 
+    angle = degrees(declared["angle"])
     names = "reward below best", f"reward below the best reference driver's at {angle}, per episode"
-    if "angle_rule" in report["declaration"]:
+    if "angle_rule" in declared:
         names = "decision loss", "decision loss at the declared rule, per episode"
-    rows = [row(*names, regret, number, f"at most {number(regret['margin'])}")]
+    ends = (number(regret[key]) for key in ("regret", "low", "high"))
+    add(*names, regret["decision"], f"at most {number(regret['margin'])}", *ends)
     if direction is not None and direction["decision"] is not None:
         name = "direction, by the reference drivers of the angles"
-        cells = {"estimate": between(direction["above"], direction["below"]), "low": "", "high": ""}
-        cells["asked for"] = between(direction["low"], direction["high"])
-        result = OUTCOMES[direction["decision"]]
-        rows.append({"test": "direction", "name": name, "result": result, **cells})
+        ends = between(direction["above"], direction["below"]), "", ""
+        asked = between(direction["low"], direction["high"])
+        add("direction", name, direction["decision"], asked, *ends)
     for side in character["beyond"] if character else ():
         name = f"drives beyond the {side['end']} end of the width"
-        most = f"at most {percent(character['limit'])}"
-        result = {**side, "decision": character["decision"]}
-        rows.append(row(f"beyond, {side['end']}", name, result, percent, most))
-    return rows + [
-        row(
-            test["name"].replace("_", " "),
-            criterion(test["name"]),
-            test,
-            show := functools.partial(amount, unit=units.get(test["name"], "")),
-            f"{test['side']} {show(test['limit'])}",
-        )
-        for test in tests["competence"]
-        if is_known(report, test["name"])
-    ]
+        asked = f"at most {percent(character['limit'])}"
+        ends = (percent(side[key]) for key in _OF_SHARE)
+        add(f"beyond, {side['end']}", name, character["decision"], asked, *ends)
+    for test in tests["competence"]:
+        name = test["name"]
+        if is_known(report, name):
+            show = functools.partial(amount, unit=units.get(name, ""))
+            ends = (show(test[key]) for key in _OF_SHARE)
+            asked = f"{test['side']} {show(test['limit'])}"
+            add(name.replace("_", " "), criterion(name), test["decision"], asked, *ends)
+    return rows
 
 
-def by_class(report: Mapping[str, Any]) -> list[dict[str, str]]:
+def by_class(report: Json) -> list[dict[str, str]]:
     """Return a row for each bound of an effect, by class of road users, in words.
 
     A class that the world has and that has no bound has a row that says so.
     """
-    units = measured_in(report["declaration"]["scenario"]["world"])
-    names = {name.replace("_", " "): name for name in units}
-    rows = [
-        {"class": QUANTITIES[names[row["test"]]].of, **row}
-        for row in tested(report)
-        if row["test"] in names
-    ]
-    classes = list(dict.fromkeys(QUANTITIES[name].of for name in units)) if rows else []
     scenario = report["declaration"]["scenario"]
+    of = {name.replace("_", " "): QUANTITIES[name].of for name in measured_in(scenario["world"])}
+    rows = [{"class": of[row["test"]], **row} for row in tested(report) if row["test"] in of]
+    if not rows:
+        return []
+    classes = list(dict.fromkeys(of.values()))
     if not in_sumo(scenario["world"]):
         absent = {user.plural for user in ROAD_USERS[1:] if not scenario["options"].get(user.rate)}
         classes = [name for name in classes if name not in absent]
     bounded = {row["class"] for row in rows}
-    empty = dict.fromkeys(rows[0] if rows else (), "")
-    empty["name"] = "no bound is declared"
+    empty = dict.fromkeys(rows[0], "") | {"name": "no bound is declared"}
     rows += [empty | {"class": name} for name in classes if name not in bounded]
     return sorted(rows, key=lambda row: [*classes, row["class"]].index(row["class"]))
 
 
-def compatible(report: Mapping[str, Any]) -> str:
+def compatible(report: Json) -> str:
     """Return the angles whose regret is within the margin, or the nearest one, in a sentence."""
     nearest = report["tests"]["rationalised"]
     if nearest["arcs"]:
@@ -265,7 +254,7 @@ def compatible(report: Mapping[str, Any]) -> str:
     )
 
 
-def other_passes(report: Mapping[str, Any], most: int = 3) -> str:
+def other_passes(report: Json, most: int = 3) -> str:
     """Return how many other drivers would pass the declaration, in a sentence with some names.
 
     Args:
@@ -273,11 +262,11 @@ def other_passes(report: Mapping[str, Any], most: int = 3) -> str:
         most: Largest number of names.
     """
     tried = report["discrimination"]
-    names = words.names_of(report)
     if not tried["of"]:
         return "There is no other driver that could be judged by this declaration."
     if not tried["would_pass"]:
         return f"None of {tried['of']} other drivers would pass this declaration."
+    names = words.names_of(report)
     passed = (row["name"] for row in tried["drivers"] if row["decision"] == "pass")
     passing = [str(names.get(name, name)) for name in passed]
     remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
@@ -285,14 +274,14 @@ def other_passes(report: Mapping[str, Any], most: int = 3) -> str:
     return f"{tried['would_pass']} of {tried['of']} other drivers would pass it too{which}."
 
 
-def compatible_angles(context: Mapping[str, Any]) -> str:
+def compatible_angles(context: Json) -> str:
     """Return the angles that are compatible with the driving in a context of a rule."""
     return ", ".join(
         degrees(candidate["angle"]) for candidate in context["by_angle"] if candidate["compatible"]
     )
 
 
-def options(values: dict[str, Any]) -> str:
+def options(values: Json) -> str:
     """Return the options of a world in one line."""
     return ", ".join(f"{name} = {value}" for name, value in values.items()) or "defaults"
 
@@ -319,7 +308,7 @@ FILTERS: dict[str, Callable[..., str]] = {
 FILTERS |= {"outcome": OUTCOMES.__getitem__, "code": code}
 
 
-def html(report: Mapping[str, Any]) -> str:
+def html(report: Json) -> str:
     """Return one self-contained page; all user-provided text is escaped.
 
     Its only script replays episodes of the intersection, and is named by hash in the page's policy.
@@ -335,7 +324,7 @@ def html(report: Mapping[str, Any]) -> str:
     )
 
 
-def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **variables: Any) -> str:
+def markdown(report: Json, template: str = "report.md.j2", **variables: Any) -> str:
     """Return a page of Markdown by a template and further variables; all values are escaped.
 
     Args:
@@ -346,7 +335,7 @@ def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **variab
     return _rendered(report, template, most=10_000, **variables)
 
 
-def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variables: Any) -> str:
+def _rendered(report: Json, template: str, most: int = 0, **variables: Any) -> str:
     """Return a page by its template.
 
     Args:
@@ -377,7 +366,7 @@ def _rendered(report: Mapping[str, Any], template: str, most: int = 0, **variabl
     )
 
 
-def is_known(report: Mapping[str, Any], criterion: str) -> bool:
+def is_known(report: Json, criterion: str) -> bool:
     """Whether the world reports the event of a criterion; an environment doesn't report fault.
 
     Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from typing import Any, Literal, NamedTuple
 
@@ -16,17 +16,18 @@ from socialiq.audit.request import DIAL
 from socialiq.audit.seeds import NETWORK, Draw, Round
 from socialiq.audit.verdict.regret import RegretTest
 from socialiq.audit.verdict.results import Discrimination
-from socialiq.audit.verdict.verdict import Verdict, where_of
+from socialiq.audit.verdict.verdict import Verdict
 from socialiq.isolation import NONE
 from socialiq.physics import wrapped
 from socialiq.social.angle_rule import AngleRule
+from socialiq.types import Json
 
 OPTIMUM = "optimum_"  # beginning of the names of exact optima (`evidence.drive.exact_optima`)
 _SIMPLER = "simpler network, "
 
 
 @functools.cache
-def stated() -> dict[str, Any]:
+def stated() -> Json:
     """Return the texts of `words.toml`, by table and name."""
     return tomllib.loads(files("socialiq.audit.report").joinpath("words.toml").read_text("utf-8"))
 
@@ -50,13 +51,18 @@ def plain_name(name: str, angles: Sequence[float] = ()) -> str:
     return names.get(name, name)
 
 
-def names_of(report: Mapping[str, Any]) -> dict[str, str]:
+def references_of(report: Json) -> list[Json]:
+    """Return the rows of all references of a report, those that are left out too."""
+    return [*report["references"], *report["left_out"]]
+
+
+def names_of(report: Json) -> dict[str, str]:
     """Return the name in words of every reference and trivial driver of a report, by its name.
 
     A driver of the user's keeps its name, even if the package has a driver of that name.
     """
     names = {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
-    for row in (*report["references"], *report["left_out"]):
+    for row in references_of(report):
         name = row["name"]
         record = row["record"]
         # The package's own reference has no record, or is a rule, or of the atlas.
@@ -80,7 +86,7 @@ class Caveat(NamedTuple):
     text: str
 
 
-def caveats(draw: Draw, look: Look | None, policy: Mapping[str, Any], world: str) -> list[Caveat]:
+def caveats(draw: Draw, look: Look | None, policy: Json, world: str) -> list[Caveat]:
     """Return the caveats of the log, the seed, and the code of policy and world.
 
     Args:
@@ -182,7 +188,7 @@ def caveats_of_declaration(
         text = (
             "The declaration has no width: a pass says that the policy earns enough at the "
             f"declared angle, as drivers of other angles do, and not how it drives; "
-            f"{where_of(direction)}. A declaration with margin.width tests that."
+            f"{direction.where}. A declaration with margin.width tests that."
         )
     yield Caveat("direction", text)
 
@@ -201,7 +207,7 @@ def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
         (least, social), (most, largest) = clip.ends
         text = f"R_env of an episode from {least:g} to {most:g} and R_social from {social:g} to "
         cut[f"{text}{largest:g}"] = [
-            (row.clipped(*clip.ends).totals != row.totals).any(axis=1) for row in drivers
+            (row.clipped(clip).totals != row.totals).any(axis=1) for row in drivers
         ]
     for name, ends in {bound.quantity: bound.range for bound in profile.caused}.items():
         if ends is not None:
@@ -263,7 +269,7 @@ OF_A_LOG = "look"
 """Claim of an audit with a log; `audit verify --log` holds it against the log itself."""
 
 
-def claims_of_auditor(policy: Mapping[str, Any], draw: Draw, look: Look | None) -> list[str]:
+def claims_of_auditor(policy: Json, draw: Draw, look: Look | None) -> list[str]:
     """Return the paths of the claims in a report.
 
     A signature of the statement covers them: then it is known whose claims they are. That a seed is

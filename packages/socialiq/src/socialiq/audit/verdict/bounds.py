@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.audit.evidence import drive
-from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes
-from socialiq.audit.profile.fields import QUANTITIES
+from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes, criterion
 from socialiq.audit.profile.profile import Bound, Profile, measured_in
 from socialiq.audit.request import shipped_dial
 from socialiq.audit.seeds import episode_seeds
@@ -42,39 +41,47 @@ class BoundTest:
     fail_error: float  # one-sided error of a wrong fail
     needed: int | None  # episodes that would decide, if the mean is true and not the limit
 
+    def asked(self, world: str) -> str:
+        """Return the limit with its side, as "at most 5 %", by the units of a world."""
+        return f"{self.side} {self._amount(self.limit, world)}"
 
-def amount_of(test: BoundTest, value: float, world: str) -> str:
-    """Return a mean of a test's quantity with its unit.
+    def kept(self, world: str) -> str:
+        """Return what the driver does at most, or at least, by the bound that a pass rests on."""
+        bound = self.low if self.side == "at least" else self.high
+        return self.told(bound, world, f"{self.side} ")
 
-    Args:
-        test: The test.
-        value: The mean.
-        world: Name of the world, which decides the unit.
+    def told(self, value: float, world: str, size: str = "", of: str = "episodes") -> str:
+        """Return what a driver does with a mean of this size, in words.
 
-    Returns:
-        Three significant digits and the unit, or a percentage for a share of episodes.
-    """
-    unit = measured_in(world).get(test.name, "")
-    return f"{value:.3g} {unit}" if unit else f"{100 * value:.3g} %"
+        Args:
+            value: The mean.
+            world: Name of the world, which decides the unit.
+            size: Words before the amount, as "at least ".
+            of: Words after "of", which name all episodes; used for shares only.
+        """
+        amount = size + self._amount(value, world)
+        if amount.endswith("%"):
+            return f"{criterion(self.name)} in {amount} of {of}"
+        return f"{criterion(self.name)} {amount} an episode"
 
+    def clause(self, _where: str, world: str) -> str:
+        """Return how the driver breaks the limit, or what of it is not decided.
 
-def words_of(
-    test: BoundTest, value: float, world: str, size: str = "", of: str = "episodes"
-) -> str:
-    """Return what a driver does with a mean of this size, in words.
+        Args:
+            world: Name of the world, which decides the unit.
+        """
+        if self.decision is Decision.FAIL:
+            if self.side == "at least":
+                return f"it {self.told(self.high, world, 'at most ')} ({self.asked(world)} needed)"
+            return f"it {self.told(self.low, world, 'at least ')} ({self.asked(world)} allowed)"
+        if self.name not in CRITERIA:
+            return self.told(self.limit, world, f"{self.side} ")
+        return f"{criterion(self.name)} {'often enough' if self.name == 'arrival' else 'too often'}"
 
-    Args:
-        test: Test of the quantity.
-        value: The mean.
-        world: Name of the world, which decides the unit.
-        size: Words before the amount, as "at least ".
-        of: Words after "of", which name all episodes; used for shares only.
-    """
-    amount = size + amount_of(test, value, world)
-    if test.name in CRITERIA or amount.endswith("%"):
-        words = CRITERIA.get(test.name) or QUANTITIES[test.name].words
-        return f"{words} in {amount} of {of}"
-    return f"{QUANTITIES[test.name].words} {amount} an episode"
+    def _amount(self, value: float, world: str) -> str:
+        """Return three significant digits and the unit, or a percentage for a share."""
+        unit = measured_in(world).get(self.name, "")
+        return f"{value:.3g} {unit}" if unit else f"{100 * value:.3g} %"
 
 
 def bound_tests(
@@ -120,8 +127,7 @@ def bound_tests(
             count = int((inside != values).sum())
             low, high, needed = _by_betting(inside, bound, errors, error)
         holds = low >= limit if least else high <= limit
-        broken = high < limit if least else low > limit
-        decision = Decision.PASS if holds else Decision.FAIL if broken else Decision.INCONCLUSIVE
+        decision = Decision.of(holds, high < limit if least else low > limit)
         counted = (limit, count, len(values), share, low, high, pass_error, fail_error, needed)
         tests.append(BoundTest(bound.quantity, decision, bound.side, *counted))
     return tuple(tests)
@@ -173,9 +179,9 @@ def faults_of_bounds(profile: Profile) -> dict[str, str]:
     return {
         bound.path: (
             f"the best driver of {angle:g} degrees "
-            f"{words_of(test, test.share, name, of=f'{CHECKED:,} episodes')}, and the "
-            f"{'floor' if test.name in CRITERIA else 'bound'} asks for {test.side} "
-            f"{amount_of(test, test.limit, name)}: declare another limit"
+            f"{test.told(test.share, name, of=f'{CHECKED:,} episodes')}, and the "
+            f"{'floor' if test.name in CRITERIA else 'bound'} asks for {test.asked(name)}: "
+            "declare another limit"
         )
         for bound, test in zip(profile.bounds, bound_tests(best, profile.bounds), strict=True)
         if test.decision is Decision.FAIL

@@ -140,6 +140,22 @@ class DirectionTest:
     fail_error: float  # largest chance of a fail although it is within both
     needed: int | None  # episodes that would decide
 
+    @property
+    def where(self) -> str:
+        """The angles that are not excluded, in words."""
+        ends = [] if self.above is None else [f"{self.above:.3g}"]
+        ends += [] if self.below is None else [f"{self.below:.3g}"]
+        if not ends:
+            return "no angle is excluded"
+        side = "below " if self.above is None else "above " if self.below is None else ""
+        return f"angles not excluded: {side}{' to '.join(ends)}"
+
+    def clause(self, _where: str, _world: str) -> str:
+        """Return how the policy's direction breaks the width, or what of it is not decided."""
+        if self.decision is Decision.FAIL:
+            return f"its direction is beyond the declared width: {self.where}"
+        return f"drives within {self.width:g} degrees of the declared angle"
+
 
 def direction_test(
     profile: Profile,
@@ -172,11 +188,11 @@ def direction_test(
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
     ways, beyond = _ways(values, np.array([pass_error, fail_error / 2]))
     rows = [(compared.index(row), way) for row, way in zip(tested, _WAYS, strict=True) if row]
-    decision = None if width is None else Decision.INCONCLUSIVE
-    if decision and not missing and all(ways[row] == way for row, way in rows):
-        decision = Decision.PASS
-    elif decision and any(beyond[row] not in (way, "not known") for row, way in rows):
-        decision = Decision.FAIL
+    decision = None
+    if width is not None:
+        within = not missing and all(ways[row] == way for row, way in rows)
+        broken = any(beyond[row] not in (way, "not known") for row, way in rows)
+        decision = Decision.of(within, broken)
     away = (-np.sign(values[row].mean()) * values[row] for row, _ in rows)
     how = (0.0, 1.0, pass_error, intervals.POWER)
     needs = [betting.episodes_by_betting(row, *how) for row in away]
@@ -269,6 +285,16 @@ class CharacterTest:
     fail_error: float  # of the test; each share has its part
     needed: int | None
 
+    def clause(self, _where: str, _world: str) -> str:
+        """Return beyond which end the policy drives, or what of its character is not decided."""
+        if self.decision is not Decision.FAIL:
+            return "has one character in all episodes"
+        side = max(self.beyond, key=lambda row: row.low)
+        return (
+            f"it has not one character: in at least {100 * side.low:.3g} % of episodes it drives "
+            f"beyond the {side.end} end of the width (at most {100 * self.limit:.3g} % allowed)"
+        )
+
 
 TOLERANCE = 2.0  # margins of regret by which an episode has to be beyond an end to count
 
@@ -309,12 +335,9 @@ def character_test(
             low = intervals.clopper_pearson(count, episodes, 1.0 - fail_error).low
             high = intervals.clopper_pearson(count, episodes, 1.0 - 2.0 * pass_error).high
             rows.append(Beyond(name, count, count / episodes, low, high))
-    decision = Decision.INCONCLUSIVE
+    within = complete and all(row.high <= limit for row in rows)
+    decision = Decision.of(within, any(row.low > limit for row in rows))
     deviation = (limit * (1.0 - limit)) ** 0.5
-    if complete and all(row.high <= limit for row in rows):
-        decision = Decision.PASS
-    elif any(row.low > limit for row in rows):
-        decision = Decision.FAIL
     needs = [intervals.episodes_needed(row.share - limit, deviation, pass_error) for row in rows]
     needed = slowest(needs) if decision is Decision.INCONCLUSIVE and complete else None
     return CharacterTest(decision, limit, tolerance, tuple(rows), pass_error, fail_error, needed)

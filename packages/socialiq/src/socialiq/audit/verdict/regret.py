@@ -24,6 +24,9 @@ from socialiq.social.angle import Arc, complement, exact_weights, score
 from socialiq.statistics import betting, bootstrap, intervals
 from socialiq.types import RewardPair
 
+Losses = Float[np.ndarray, "reference episode"]
+"""R(α) of each reference less the policy's in each episode."""
+
 
 class Decision(enum.Enum):
     """Outcome of a test, and of the whole audit."""
@@ -31,6 +34,18 @@ class Decision(enum.Enum):
     PASS = "pass"
     FAIL = "fail"
     INCONCLUSIVE = "inconclusive"
+
+    @staticmethod
+    def of(holds: bool, broken: bool) -> Decision:
+        """Return PASS if a limit holds significantly, FAIL if it is broken, else INCONCLUSIVE.
+
+        Args:
+            holds: Whether the limit is significantly kept.
+            broken: Whether it is significantly broken.
+        """
+        if holds:
+            return Decision.PASS
+        return Decision.FAIL if broken else Decision.INCONCLUSIVE
 
     @property
     def headline(self) -> str:
@@ -44,6 +59,7 @@ def slowest(needs: Sequence[int | None]) -> int | None:
     return max(counts) if len(counts) == len(needs) else None
 
 
+@dataclass(frozen=True, eq=False)
 class Regrets:
     """Regret and its bounds at any angle, from one set of resamples.
 
@@ -53,27 +69,20 @@ class Regrets:
     bounds by which `regret_test` decides: of other drivers an audit reports only the decision.
     """
 
-    def __init__(
-        self,
-        evidence: Evidence,
-        seed: int,
-        resamples: int = 2000,
-        largest_loss: float | None = None,
-        decisive: bool = False,
-    ) -> None:
-        self.largest_loss = largest_loss
-        self.decisive = decisive
-        self.evidence = evidence
-        self._gains = evidence.gains()
-        self._seed = seed
-        self._resamples = resamples
-        drivers = (evidence.policy, *evidence.references)
-        self._totals = np.concatenate([driver.totals for driver in drivers])
+    evidence: Evidence
+    seed: int
+    resamples: int = 2000
+    largest_loss: float | None = None
+    decisive: bool = False
+
+    @cached_property
+    def _gains(self) -> Float[np.ndarray, "reference episode 2"]:
+        return self.evidence.gains()
 
     @cached_property
     def moments(self) -> bootstrap.Moments:
         """Moments of the gains, with their resamples."""
-        return bootstrap.Moments.of(self._gains, self._seed, self._resamples)
+        return bootstrap.Moments.of(self._gains, self.seed, self.resamples)
 
     def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
         """Return which references are compared at an angle."""
@@ -90,7 +99,7 @@ class Regrets:
         """Return the estimated regret towards each reference at an angle in degrees."""
         return np.asarray(score(exact_weights(angle), RewardPair(*self._gains.mean(axis=1).T)))
 
-    def losses(self, angle: float) -> Float[np.ndarray, "reference episode"]:
+    def losses(self, angle: float) -> Losses:
         """Return R(α) of each reference less the policy's in each episode."""
         gains = np.moveaxis(self._gains, 2, 0)
         return np.asarray(score(exact_weights(angle), RewardPair(*gains)))
@@ -156,19 +165,19 @@ class Regrets:
         return intervals.episodes_needed(distance, deviation, error)
 
     def _at(self, angle: float, rows: Int64[np.ndarray, " row"]) -> _Gains:
-        weights = exact_weights(angle)
-        gains = np.moveaxis(self._gains[rows], 2, 0)
-        values = np.asarray(score(weights, RewardPair(*gains)))
-        reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
+        values = self.losses(angle)[rows]
+        drivers = (self.evidence.policy, *self.evidence.references)
+        reach = float(np.ptp([driver.values(angle) for driver in drivers]))
         seldom = [intervals.seldom(gain, reach) for gain in values]
-        return _Gains(self.moments.at(weights, rows), values, reach, np.array(seldom))
+        resampled = self.moments.at(exact_weights(angle), rows)
+        return _Gains(resampled, values, reach, np.array(seldom))
 
 
 class _Gains(NamedTuple):
     """Gains of references over the policy at one angle: by episode, and with their bootstrap."""
 
     resampled: bootstrap.Studentised
-    values: Float[np.ndarray, "reference episode"]
+    values: Losses
     reach: float  # largest possible difference: the range of the rewards of all drivers
     rare: Bool[np.ndarray, " reference"]  # nearly all differences are equal (`intervals`)
 
@@ -200,7 +209,7 @@ def exceeds(loss: float, largest_loss: float) -> bool:
 
 
 def loss_bounds(
-    losses: Float[np.ndarray, "reference episode"],
+    losses: Losses,
     compared: Bool[np.ndarray, " reference"],
     margin: float,
     largest_loss: float,
@@ -233,7 +242,7 @@ def loss_bounds(
 
 
 def needed_with(
-    losses: Float[np.ndarray, "reference episode"],
+    losses: Losses,
     compared: Bool[np.ndarray, " reference"],
     margin: float,
     largest_loss: float,
@@ -260,9 +269,7 @@ def needed_with(
     return slowest([betting.episodes_by_betting(row, *how) for row in rows])
 
 
-def _without_rounding(
-    losses: Float[np.ndarray, "reference episode"], largest_loss: float
-) -> Float[np.ndarray, "reference episode"]:
+def _without_rounding(losses: Losses, largest_loss: float) -> Losses:
     nearly = np.abs(losses) <= largest_loss * (1.0 + _ROUNDING)
     return np.where(nearly, losses.clip(-largest_loss, largest_loss), losses)
 
@@ -309,6 +316,26 @@ class RegretTest:
     def broken(self) -> bool:
         """Whether an episode shows that the declared largest loss is false."""
         return self.largest_loss is not None and exceeds(self.seen_loss, self.largest_loss)
+
+    def clause(self, where: str, _world: str) -> str:
+        """Return how the policy breaks the margin, or what of it is not decided.
+
+        Args:
+            where: Words for the declared angle or rule.
+        """
+        if self.decision is not Decision.FAIL:
+            return f"earns enough {where}"
+        if self.broken:
+            return (
+                f"in an episode it lost {self.seen_loss:.3g} against {self.seen_against}, "
+                f"where at most {self.largest_loss or 0.0:.3g} was declared"
+            )
+        assumed = "; if no loss of that driver is too rare to show"
+        return (
+            f"{where} it earns at least {self.low:.3g} "
+            f"less reward per episode than the best reference driver ({self.margin:.3g} less "
+            f"is allowed{assumed if self.bound == 'bootstrap' else ''})"
+        )
 
 
 def regret_test(
@@ -357,10 +384,8 @@ def regret_test(
     names = [reference.name for reference in regrets.evidence.references]
     columns = (means[rows].tolist(), used.highs.tolist(), compared[rows].tolist())
     references = map(AgainstReference, (names[row] for row in rows), *columns)
-    decision = Decision.FAIL if used.low > margin else Decision.INCONCLUSIVE
-    decision = Decision.PASS if high <= margin else decision
     return RegretTest(
-        decision=Decision.FAIL if broken else decision,
+        decision=Decision.of(high <= margin and not broken, used.low > margin or broken),
         angle=angle,
         margin=margin,
         regret=estimate,

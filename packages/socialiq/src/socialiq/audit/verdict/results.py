@@ -8,7 +8,7 @@ whose driving depends on the order of the episodes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,12 +20,12 @@ from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
 from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.regret import Decision, Regrets
-from socialiq.audit.verdict.verdict import clipped, decide, direction_tests, enough_resamples
+from socialiq.audit.verdict.verdict import decide, direction_tests, enough_resamples
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons
 from socialiq.statistics.comparisons import Contrast, Difference
 from socialiq.statistics.intervals import Share, wilson
-from socialiq.types import RewardPair
+from socialiq.types import Json, RewardPair
 from socialiq.worlds.catalogue import INTERSECTION, base
 
 MEASURES = ("regret", *CRITERIA)
@@ -55,7 +55,7 @@ class Shift:
     """Result of one other traffic."""
 
     name: str  # of the traffic
-    options: Mapping[str, Any]  # options of the world that differ from the declaration's
+    options: Json  # options of the world that differ from the declaration's
     scenario_sha256: str
     episodes: int  # number of episodes; they are others than in the declared traffic
     decision: Decision  # decision by the declared margin and floor there
@@ -290,7 +290,7 @@ def discriminate(
             decision = Decision.FAIL
             # The bounds of regret take longest; where another test fails they change nothing.
             if all(test is None or test.decision is not Decision.FAIL for test in tests):
-                rewards = clipped(profile, swapped)
+                rewards = swapped.clipped(profile.clip)
                 limit = profile.largest_loss
                 regrets = Regrets(rewards, seed, count, limit, decisive=True)
                 decision = decide(profile, swapped, seed, count, level, regrets, line).decision

@@ -6,7 +6,6 @@ no evidence of the policy's behaviour (`results.discriminate`).
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -15,8 +14,7 @@ from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Bound, Profile
-from socialiq.audit.verdict import regret as bounds
-from socialiq.audit.verdict.bounds import BoundTest, amount_of, bound_tests, words_of
+from socialiq.audit.verdict.bounds import BoundTest, bound_tests
 from socialiq.audit.verdict.direction import (
     CharacterTest,
     DirectionTest,
@@ -25,10 +23,22 @@ from socialiq.audit.verdict.direction import (
     direction_test,
     followed_angles,
 )
-from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest
+from socialiq.audit.verdict.regret import (
+    CompatibleAngles,
+    Decision,
+    Regrets,
+    RegretTest,
+    compatible_angles,
+    regret_test,
+    slowest,
+)
 from socialiq.errors import UserError
+from socialiq.reading import sha256_of
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
+
+Test = RegretTest | DirectionTest | CharacterTest | BoundTest
+"""A test: its decision, the episodes that would decide it, and a clause of the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +56,12 @@ class Decisive:
     direction: DirectionTest | None = None  # None for a declared rule
     character: CharacterTest | None = None  # None if no share is declared
 
+    @property
+    def tests(self) -> list[Test]:
+        """The tests that decide."""
+        tests = (self.regret, self.direction, self.character, *self.competence)
+        return [test for test in tests if test is not None and test.decision is not None]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict(Decisive):
@@ -54,21 +70,10 @@ class Verdict(Decisive):
     reason: str  # one plain sentence
     episodes: int
     error: float  # largest chance of a wrong pass, and of a wrong fail, at this look
-    rationalised: bounds.CompatibleAngles  # angles compatible with the behaviour
+    rationalised: CompatibleAngles  # angles compatible with the behaviour
     alpha_hat: AngleEstimate | None  # α̂ of the thesis, if it is identified
     identifiability: Ellipse  # confidence ellipse of the mean rewards
     contexts: tuple[FollowedAngle, ...] | None  # None without a declared rule
-
-
-def clipped(profile: Profile, evidence: Evidence) -> Evidence:
-    """Return the evidence with the rewards of every episode clipped as declared.
-
-    Args:
-        profile: The declaration.
-        evidence: The evidence; returned as it is if no clip is declared.
-    """
-    clip = profile.clip
-    return evidence if clip is None else evidence.clipped(*clip.ends)
 
 
 def decide(
@@ -107,7 +112,7 @@ def decide(
     """
     margin = profile.margin
     angle = profile.angle
-    evidence = clipped(profile, evidence)
+    evidence = evidence.clipped(profile.clip)
     beside = direction_tests(profile, directed or evidence, error, ends_only)
     if profile.rule is not None:
         evidence = evidence.by_rule()
@@ -115,7 +120,7 @@ def decide(
         angle = 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, profile.largest_loss)
     share = error / 2 if margin.width is None or profile.rule is not None else error / 4
-    regret = bounds.regret_test(regrets, angle, margin.regret, error, share)
+    regret = regret_test(regrets, angle, margin.regret, error, share)
     regret = replace(regret, angle=profile.angle)
     return join_tests(regret, evidence.policy, profile.bounds, error, *beside)
 
@@ -136,7 +141,7 @@ def direction_tests(
     """
     if profile.rule is not None:
         return None, None
-    driven = clipped(profile, evidence)
+    driven = evidence.clipped(profile.clip)
     errors = error, error / 8
     direction = direction_test(profile, driven, *errors, ends_only)
     return direction, character_test(profile, driven, *errors)
@@ -160,23 +165,21 @@ def join_tests(
         direction: Test of the direction, at its share of the error; None if there is none.
         character: Test of the character, at its share of the error; None if there is none.
     """
-    competence = bound_tests(policy, limits, error, error / 2)
-    tests = [test for test in (regret, direction, character, *competence) if test is not None]
-    rows = [(test.decision, test.needed) for test in tests if test.decision is not None]
-    decision = joint_decision(decision for decision, _ in rows)
-    undecided = [needed for decision, needed in rows if decision is Decision.INCONCLUSIVE]
-    needed = bounds.slowest(undecided) if decision is Decision.INCONCLUSIVE else None
-    return Decisive(
-        decision=decision,
-        needed=needed,
+    tested = Decisive(
+        decision=Decision.INCONCLUSIVE,
+        needed=None,
         regret=regret,
-        competence=competence,
+        competence=bound_tests(policy, limits, error, error / 2),
         direction=direction,
         character=character,
     )
+    decision = joint_decision(test.decision for test in tested.tests)
+    needs = [test.needed for test in tested.tests if test.decision is Decision.INCONCLUSIVE]
+    needed = slowest(needs) if decision is Decision.INCONCLUSIVE else None
+    return replace(tested, decision=decision, needed=needed)
 
 
-def joint_decision(decisions: Iterable[Decision]) -> Decision:
+def joint_decision(decisions: Iterable[Decision | None]) -> Decision:
     """Return PASS if all tests pass, FAIL if any fails, else INCONCLUSIVE."""
     outcomes = set(decisions)
     if Decision.FAIL in outcomes:
@@ -223,11 +226,11 @@ def judge(
     Raises:
         UserError: If the evidence belongs to another scenario.
     """
-    if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
+    if sha256_of(evidence.scenario) != profile.scenario.sha256:
         raise UserError("the evidence is of another scenario than the profile: collect it again")
     error = profile.error if error is None else error
     resamples = enough_resamples(error, resamples)
-    regrets = Regrets(clipped(profile, evidence), seed, resamples, profile.largest_loss)
+    regrets = Regrets(evidence.clipped(profile.clip), seed, resamples, profile.largest_loss)
     decisive = decide(profile, evidence, seed, resamples, error, regrets, directed, False)
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
@@ -241,18 +244,13 @@ def judge(
     if rule is not None and losses is not None:
         contexts = followed_angles(rule, losses, CANDIDATES, profile.confidence)
     return Verdict(
-        decision=decisive.decision,
+        **vars(decisive),
         reason=_reason(decisive, profile),
         episodes=evidence.episodes,
-        needed=decisive.needed,
         error=error,
-        regret=decisive.regret,
-        rationalised=bounds.compatible_angles(regrets, profile.margin.regret),
+        rationalised=compatible_angles(regrets, profile.margin.regret),
         alpha_hat=estimate,
         identifiability=ellipse,
-        direction=decisive.direction,
-        character=decisive.character,
-        competence=decisive.competence,
         contexts=contexts,
     )
 
@@ -304,96 +302,27 @@ def _reason(decisive: Decisive, profile: Profile) -> str:
     direction = decisive.direction
     world = profile.scenario.world
     where = "by the declared rule" if profile.rule else f"at the declared {regret.angle:g} degrees"
+    tests = [test for test in decisive.tests if test.decision is decisive.decision]
+    clauses = [test.clause(where, world) for test in tests]
     if decisive.decision is Decision.FAIL:
-        faults = ", and ".join(_faults(decisive, where, world))
-        return f"The policy does not behave as declared: {faults}."
-    if decisive.decision is Decision.PASS:
-        less = f"at most {regret.high:.3g} less reward" if regret.high > 0.0 else "no less reward"
-        directed = direction is not None and direction.decision is not None
-        text = (
-            f"{where} the policy earns {less} per episode than the best reference "
-            f"driver ({regret.margin:.3g} less is allowed), "
-            f"{'its direction is within the declared width, ' if directed else ''}"
-            "and it keeps the declared safety floor."
-        )
-        effects = []
-        for test in decisive.competence[len(CRITERIA) :]:
-            bound = test.low if test.side == "at least" else test.high
-            limit = f"{test.side} {amount_of(test, test.limit, world)}"
-            effects.append(f"{words_of(test, bound, world, f'{test.side} ')} (declared: {limit})")
-        text += f" It {', '.join(effects)}." if effects else ""
-        if regret.bound == "bootstrap":
-            return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
-        return text[0].upper() + text[1:]
-    doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
-    if direction is not None and direction.decision is Decision.INCONCLUSIVE:
-        if direction.lacking:
+        return f"The policy does not behave as declared: {', and '.join(clauses)}."
+    if decisive.decision is Decision.INCONCLUSIVE:
+        if direction in tests and direction.lacking:
             return f"The direction can't be tested: there is {direction.lacking}."
-        doubts.append(f"drives within {direction.width:g} degrees of the declared angle")
-    if decisive.character and decisive.character.decision is Decision.INCONCLUSIVE:
-        doubts.append("has one character in all episodes")
-    for test in decisive.competence:
-        if test.decision is not Decision.PASS:
-            if test.name in CRITERIA:
-                often = "often enough" if test.name == "arrival" else "too often"
-                doubts.append(f"{CRITERIA[test.name]} {often}")
-            else:
-                doubts.append(words_of(test, test.limit, world, f"{test.side} "))
-    return (
-        f"{regret.episodes} episodes are too few to decide whether the policy "
-        f"{' and whether it '.join(doubts)}."
+        return (
+            f"{regret.episodes} episodes are too few to decide whether the policy "
+            f"{' and whether it '.join(clauses)}."
+        )
+    less = f"at most {regret.high:.3g} less reward" if regret.high > 0.0 else "no less reward"
+    text = (
+        f"{where} the policy earns {less} per episode than the best reference "
+        f"driver ({regret.margin:.3g} less is allowed), "
+        f"{'its direction is within the declared width, ' if direction in tests else ''}"
+        "and it keeps the declared safety floor."
     )
-
-
-def _faults(decisive: Decisive, where: str, world: str) -> list[str]:
-    """Return what a failed policy broke, by the test."""
-    regret = decisive.regret
-    direction = decisive.direction
-    character = decisive.character
-    clauses = []
-    if regret.broken:
-        clauses.append(
-            f"in an episode it lost {regret.seen_loss:.3g} against {regret.seen_against}, "
-            f"where at most {regret.largest_loss or 0.0:.3g} was declared"
-        )
-    elif regret.decision is Decision.FAIL:
-        assumed = "; if no loss of that driver is too rare to show"
-        clauses.append(
-            f"{where} it earns at least {regret.low:.3g} "
-            f"less reward per episode than the best reference driver ({regret.margin:.3g} less "
-            f"is allowed{assumed if regret.bound == 'bootstrap' else ''})"
-        )
-    if direction is not None and direction.decision is Decision.FAIL:
-        clauses.append(f"its direction is beyond the declared width: {where_of(direction)}")
-    if character is not None and character.decision is Decision.FAIL:
-        side = max(character.beyond, key=lambda row: row.low)
-        clauses.append(
-            f"it has not one character: in at least {_percent(side.low)} of episodes it drives "
-            f"beyond the {side.end} end of the width (at most {_percent(character.limit)} allowed)"
-        )
-    for test in decisive.competence:
-        if test.decision is Decision.FAIL:
-            bound = words_of(test, test.low, world, "at least ")
-            allowed = "allowed"
-            if test.side == "at least":
-                bound = words_of(test, test.high, world, "at most ")
-                allowed = "needed"
-            limit = amount_of(test, test.limit, world)
-            clauses.append(f"it {bound} ({test.side} {limit} {allowed})")
-    return clauses
-
-
-def where_of(direction: DirectionTest) -> str:
-    """Return the angles of the direction that are not excluded, in words."""
-    above = direction.above
-    below = direction.below
-    if above is None and below is None:
-        return "no angle is excluded"
-    if above is None or below is None:
-        end = f"below {below:.3g}" if above is None else f"above {above:.3g}"
-        return f"angles not excluded: {end}"
-    return f"angles not excluded: {above:.3g} to {below:.3g}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
+    effects = decisive.competence[len(CRITERIA) :]
+    kept = [f"{test.kept(world)} (declared: {test.asked(world)})" for test in effects]
+    text += f" It {', '.join(kept)}." if kept else ""
+    if regret.bound == "bootstrap":
+        return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
+    return text[0].upper() + text[1:]
