@@ -21,7 +21,6 @@ from socialiq.audit.profile.template import USUAL, floor_at, possible_loss
 from socialiq.audit.request import SHIPPED_DIAL
 from socialiq.audit.verdict.direction import TOLERANCE, Driver, driver_of, drivers_of, ends_of
 from socialiq.evaluation.episodes import KINDS, episodes_of
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.statistics import betting, intervals
@@ -349,7 +348,6 @@ def compute_tables(config: Any, context: Context) -> Findings:
     Returns:
         Tables `power`, `worst` and `fitted`, and the summary.
     """
-    check_counts(config, ("pool", "audits", "fitting"))
     drawn = (config.pool_seed, config.pool), (config.fitting_seed, config.fitting)
     course, fitting = (
         Course(make(drivers.WORLD), np.random.default_rng(seed).integers(2**62, size=size))

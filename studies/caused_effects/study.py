@@ -5,7 +5,7 @@ same episode without the ego shows that it caused; `evaluation.effects` measures
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from socialiq.evaluation.effects import COUNTS, expected_delay, measure
 from socialiq.evaluation.measures import Episodes
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import paired_difference
@@ -31,15 +30,14 @@ from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.intersection.driving import (
     DIAL,
-    Shipped,
     atlas_demonstrations,
-    copy_shipped,
     seeds_of_blocks,
+    shipped_dials,
 )
 from socialiq_lab.intersection.training import (
     MixtureRuns,
-    iteration_runs,
-    train_dial_by_iteration,
+    first_dial,
+    iteration_jobs,
     train_runs,
 )
 from socialiq_lab.jobs import Job, ProgressCallback
@@ -63,43 +61,6 @@ _SHARES = ("gap_below_1_s", "collision", "arrival")
 _ERRORS = ("not_caused_of_charged", "missed_of_caused", "gained_of_credited", "lost_of_credited")
 SUMMARISED = ("r_env", "r_eq_4_2", "delay", "braking", *_SHARES, *_ERRORS)
 MEASURED = "measures.npy"
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Training seed 100 and episodes from 90,000,000 on were used in development.
-    """
-
-    seeds: tuple[int, ...] = (401, 402, 403, 404, 405)
-    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    updates: int = 6000
-    states_per_update: int = 32
-    episodes: int = 1000  # of each block
-    blocks: tuple[int, ...] = (96_000_000, 97_000_000, 98_000_000, 99_000_000)
-    """First seeds of the blocks of evaluation episodes."""
-    offline_seeds: tuple[int, ...] = (411, 412, 413, 414, 415)
-    """Training seeds of dials that learn from the experts' demonstrations alone."""
-    offline_updates: int = 5000
-    demonstrated: int = 3000  # episodes of each expert
-    size: int = 15_000  # transitions of each expert in a mixture
-    drivers: tuple[str, ...] = (
-        "expert_egoistic", "expert_prosocial", "expert_altruistic",
-        "egoistic", "prosocial", "altruistic", "baseline", "go", "wait", "gap_3s",
-    )  # fmt: skip
-    """Experts, learners and rules of the study intersection, which drive the same episodes."""
-    effects: EffectOptions = field(default_factory=EffectOptions)
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        trained = "updates", "states_per_update", "offline_updates"
-        check_counts(self, (*trained, "episodes", "demonstrated", "size"))
-
-    @property
-    def episode_seeds(self) -> tuple[int, ...]:
-        """Seed of each evaluation episode, of all blocks."""
-        return seeds_of_blocks(self.blocks, self.episodes)
 
 
 @dataclass(frozen=True)
@@ -158,7 +119,7 @@ def measures_of(effects: Episodes) -> np.ndarray:
     return np.column_stack([effects[name] for name in MEASURES])
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs: train from the start and from demonstrations, drive every dial and driver.
 
     Raises:
@@ -166,11 +127,9 @@ def jobs(config: Config) -> list[Job]:
     """
     for name in config.drivers:
         one_of("driver", name, (*Intersection.drivers, *atlas.names()))
-    listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
-    for run in iteration_runs(config, first_rounds=4, times=2, effects=config.effects):
-        name = f"training/{run.numbers.seed}"
-        inputs = ("dials/start",)
-        listed.append(Job(name, train_dial_by_iteration, run, inputs, 600.0))
+    seeds = seeds_of_blocks(config.blocks, config.episodes)
+    listed = shipped_dials(SHIPPED)
+    listed += iteration_jobs(config, "dials/start", 4, 2, 600.0, effects=config.effects)
     demonstrations = atlas_demonstrations(config.demonstrated, config.effects)
     listed.append(demonstrations)
     offline_dial = OfflineDialConfig(updates=config.offline_updates)
@@ -183,27 +142,27 @@ def jobs(config: Config) -> list[Job]:
         )
         inputs = (demonstrations.name,)
         listed.append(Job(f"offline/{seed}", train_runs, mixture, inputs, 100.0))
-    driving = Driving(config.angles, config.episode_seeds, config.effects)
+    driving = Driving(config.angles, seeds, config.effects)
     for name, inputs in _dials(config):
         listed.append(Job(f"driving/{name}", drive, driving, (inputs,), 300.0))
     for name in config.drivers:
-        run = DrivingByName(name, config.episode_seeds, config.effects)
+        run = DrivingByName(name, seeds, config.effects)
         listed.append(Job(f"drivers/{name}", drive_by_name, run, (), 30.0))
     return listed
 
 
-def _dials(config: Config) -> list[tuple[str, str]]:
+def _dials(config: Any) -> list[tuple[str, str]]:
     """Return the name of each dial that drives, and of the job that makes it."""
     trained = [(f"{CAUSED} {seed}", f"training/{seed}") for seed in config.seeds]
     trained += [(f"{OFFLINE} {seed}", f"offline/{seed}") for seed in config.offline_seeds]
     return [(EQ_4_2, f"dials/{EQ_4_2}"), *trained]
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Return each dial's measures at each angle, differences of both, and values at each angle.
 
     Args:
-        config: Configuration of the study.
+        config: Anyuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
@@ -244,9 +203,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
     }
     for row in drivers:
         summary[row["driver"]] = {name: row[name] for name in SUMMARISED}
-    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
     tables = {"effects": rows, "differences": differences, "values": values, "drivers": drivers}
-    return Findings(tables, summary, {DIAL: shipped})
+    return Findings(tables, summary, first_dial(config, context))
 
 
 def measured_row(runs: Sequence[np.ndarray]) -> Row:

@@ -11,7 +11,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from socialiq.evaluation import exact, rollout
-from socialiq.learners.settings import check_counts, check_widths
+from socialiq.learners.settings import check_widths
 from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
@@ -46,7 +46,6 @@ def updates_of(method: Method, updates: int) -> int:
 
 def jobs(config: Any) -> list[Job]:
     """Return the jobs of every method at each of its settings, and the peers' environments."""
-    check_counts(config, ("updates", "episodes", "intersection_updates", "intersection_batch"))
     check_widths(config.intersection_hidden)
     return phase_jobs(config, DEVELOPMENT, None)
 

@@ -18,13 +18,13 @@ from socialiq.evaluation import road_training
 from socialiq.evaluation.effects import measure, measuring
 from socialiq.evaluation.measures import Episodes
 from socialiq.learners import policy_iteration
-from socialiq.learners.settings import check_counts
 from socialiq.nn.class_dial import ClassDial
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection.options import CrosswalkOptions
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
-from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped
+from socialiq_lab.intersection.driving import DIAL, shipped_dials
+from socialiq_lab.intersection.training import first_dial
 from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import over_seeds
@@ -33,30 +33,6 @@ BLIND = "intersection-dial-clock/iterated.safetensors"
 """Dial of the intersection, which observes the vehicles alone."""
 ENVIRONMENTS = 256
 RULES = ("go", "gap_3s", "idm")
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Training seed 100 and episodes from 90,000,000 on were used in development.
-    """
-
-    world: str = "intersection-crosswalk"  # or "intersection-crosswalk-bicycles"
-    seeds: tuple[int, ...] = (501, 502, 503, 504, 505)
-    angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    class_angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 90.0)
-    updates: int = 8000
-    states_per_update: int = 40
-    episodes: int = 1000  # of each driver
-    first_episode: int = 96_000_000
-    shielded: tuple[str, ...] = ("go", "gap_3s", "0", "45", "90")
-    """Rules, and angles of the dial of the intersection that observes the vehicles alone."""
-    shield: float = 2.0  # s
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        check_counts(self, ("updates", "states_per_update", "episodes"))
 
 
 @dataclass(frozen=True)
@@ -210,7 +186,7 @@ def measures_of(effects: Episodes, signals: Sequence[str]) -> np.ndarray:
     return np.column_stack(columns)
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs: train a dial of each seed, drive it, and drive others with a shield."""
     structure = replace(
         road_training.CROSSWALK,
@@ -219,7 +195,7 @@ def jobs(config: Config) -> list[Job]:
     )
     size = {"first_episode": config.first_episode, "episodes": config.episodes}
     driving = Driving(config.world, config.angles, config.class_angles, **size)
-    listed = [Job("dials/blind", copy_shipped, Shipped(BLIND))]
+    listed = shipped_dials({"blind": BLIND})
     for seed in config.seeds:
         numbers = replace(road_training.CROSSWALK_NUMBERS, seed=seed)
         listed.append(
@@ -230,11 +206,11 @@ def jobs(config: Config) -> list[Job]:
     return [*listed, Job("shields", shield, shielding, ("dials/blind",), 20.0)]
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Return what dials cause at each pair of angles, and drivers with and without a shield.
 
     Args:
-        config: Configuration of the study.
+        config: Anyuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
@@ -261,8 +237,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "largest_hit": max(row[name] for row in prices for name in hits),
         "largest_hit_of_a_seed": max(row[f"{name}_largest"] for row in prices for name in hits),
     }
-    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
-    return Findings({"prices": prices, "shields": shields}, summary, {DIAL: shipped})
+    tables = {"prices": prices, "shields": shields}
+    return Findings(tables, summary, first_dial(config, context))
 
 
 def measured_row(names: Sequence[str], runs: Sequence[np.ndarray]) -> Row:

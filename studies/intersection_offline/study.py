@@ -7,7 +7,6 @@ is also trained online.
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,6 @@ from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import settings
-from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import Results
 from socialiq.settings import changed
@@ -38,57 +35,37 @@ METHODS: dict[str, Any] = declaration("intersection-offline")["method"]
 
 OWN = "offline dial"
 DEMONSTRATOR = "demonstrator"
-COUNTS = ("updates", "together", "pool_episodes", "size", "episodes")
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
+def check(config: Any) -> None:
+    """Refuse settings without a seed or an angle, unknown methods, and acting under a shift."""
+    if not config.seeds or not config.angles:
+        raise UserError("name at least one training seed and one angle")
+    if not set(config.method_angles) <= set(config.angles):
+        raise UserError("every method angle must be among the angles of the dial")
+    for method in config.methods:
+        one_of("method", method, tuple(METHODS))
+    acting = [method for method in config.methods if METHODS[method].get("acts")]
+    if acting and (config.shift or config.front_end):
+        raise UserError(f"under a shift nothing acts in the world: leave out {acting[0]}")
 
-    Training seeds 60 to 64 were used by earlier versions, 100 to 102 in development, and episodes
-    from 50,000,000 on.
+
+def program_of(config: Any, seed: int) -> tuple[int, ...]:
+    """Return the training seeds of a seed's program.
+
+    Args:
+        config: Anyuration of the study.
+        seed: Training seed.
     """
-
-    seeds: tuple[int, ...] = (65, 66, 67, 68, 69)  # each with a mixture of its own
-    angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())  # of the dial, degrees
-    methods: tuple[str, ...] = tuple(METHODS)  # each trained for each of `method_angles`
-    method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)  # those of the demonstrators
-    structure: OfflineDialConfig = field(default_factory=OfflineDialConfig)  # networks of all, too
-    numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
-    updates: int = 5000  # gradient steps of clones and of IQ-Learn
-    learning_rate: float = 1e-3  # Adam's, of clones and of IQ-Learn
-    together: int = 5  # training seeds in one program; another number differs by rounding alone
-    pool_episodes: int = driving.RECORDED_EPISODES  # of each expert of the atlas
-    size: int = driving.SIZE  # transitions of each expert in a mixture
-    episodes: int = 4000  # evaluation episodes of each policy, common to all
-    first_episode: int = 60_000_000  # seed of the first one
-    shift: str = ""  # under which all drive, demonstrators too, and their front end
-    front_end: str = ""
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes and unknown methods."""
-        if not self.seeds or not self.angles:
-            raise UserError("name at least one training seed and one angle")
-        if not set(self.method_angles) <= set(self.angles):
-            raise UserError("every method angle must be among the angles of the dial")
-        for method in self.methods:
-            one_of("method", method, tuple(METHODS))
-        acting = [method for method in self.methods if METHODS[method].get("acts")]
-        if acting and (self.shift or self.front_end):
-            raise UserError(f"under a shift nothing acts in the world: leave out {acting[0]}")
-        settings.check_counts(self, COUNTS)
-
-    def program(self, seed: int) -> tuple[int, ...]:
-        """Return the training seeds of a seed's program."""
-        first = self.seeds.index(seed) // self.together * self.together
-        return self.seeds[first : first + self.together]
+    first = config.seeds.index(seed) // config.together * config.together
+    return config.seeds[first : first + config.together]
 
 
-def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
+def runs_of(config: Any, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
     """Return the runs of the dial or of a method.
 
     Args:
-        config: Configuration of the study.
+        config: Anyuration of the study.
         method: `OWN`, the dial, or a name from `METHODS`; a "clone of all" has one run for every
             angle.
         seeds: Training seeds of the program.
@@ -118,20 +95,20 @@ def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
     )
 
 
-def folder_of(config: Config, method: str, seed: int) -> str:
+def folder_of(config: Any, method: str, seed: int) -> str:
     """Return the folder of the program that trains a seed's runs of a method.
 
     Args:
-        config: Configuration of the study.
+        config: Anyuration of the study.
         method: `OWN`, the dial, or a name from `METHODS`.
         seed: Training seed.
     """
     name = method.replace("R(α)", "total").replace("χ²", "chi2")
     stage = "dials" if method == OWN else f"learners/{name.replace(',', '').replace(' ', '-')}"
-    return f"{stage}/{config.program(seed)[0]}"
+    return f"{stage}/{program_of(config, seed)[0]}"
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return every job, each after its inputs."""
     faults: dict[str, Any] = {"shift": config.shift, "front_end": config.front_end}
     recording = driving.atlas_demonstrations(config.pool_episodes, **faults)
@@ -144,7 +121,7 @@ def jobs(config: Config) -> list[Job]:
     ]
     for seed in config.seeds[:: config.together]:
         for method in (OWN, *config.methods):
-            seeds = config.program(seed)
+            seeds = program_of(config, seed)
             name = folder_of(config, method, seed)
             runs = runs_of(config, method, seeds)
             policies = len(seeds) * (len(runs.angles) or 4)
@@ -172,11 +149,11 @@ def save_demonstrators(
     on_progress(1.0)
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dial of the first seed.
 
     Args:
-        config: Configuration of the study.
+        config: Anyuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
@@ -207,7 +184,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     return Findings(tables, summarised(tests), {"dial.safetensors": dial.read_bytes()})
 
 
-def _policies(config: Config, work: Path) -> list[Row]:
+def _policies(config: Any, work: Path) -> list[Row]:
     """Return metrics of each policy, and J(α) at its angles; a demonstrator is valued at all."""
     rows: list[Row] = []
     for angle in config.angles:
@@ -227,7 +204,7 @@ def _policies(config: Config, work: Path) -> list[Row]:
     return rows
 
 
-def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
+def compared(config: Any, policies: Sequence[Row]) -> dict[str, list[Row]]:
     """Return the tests between methods that the table of policies allows, paired over seeds.
 
     The dial against the best demonstrator at each angle, which is the same for all seeds, and
@@ -235,7 +212,7 @@ def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
     Holm over the demonstrators of all angles, over the methods of all angles, and over the forms.
 
     Args:
-        config: Configuration of the study.
+        config: Anyuration of the study.
         policies: Rows of each policy and angle, with its J(α) as `value`.
 
     Returns:

@@ -22,7 +22,6 @@ from socialiq.audit.request import SHIPPED_DIAL, Trust, dial_angles, resolve_ref
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import Decisive, decide, joint_decision
 from socialiq.evaluation.simulate import Watched
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import packaged_results
@@ -175,7 +174,6 @@ def compute_tables(config: Any, context: Context) -> Findings:
     Returns:
         Tables `audits` and `across`, and the worst policy that passes as summary.
     """
-    check_counts(config, ("episodes",))
     scenarios = list(config.scenarios)
     audits = [row for name in scenarios for row in audit_rows(config, name, context)]
     across = list(across_rows(audits, scenarios))

@@ -13,7 +13,6 @@ import numpy as np
 from socialiq import UserError
 from socialiq.demonstrations import files
 from socialiq.foreign import one_line
-from socialiq.learners.settings import check_counts
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import read_json, shipped
 from socialiq.types import Row
@@ -156,7 +155,6 @@ def jobs(config: Any) -> list[Job]:
 
 def plan(config: Any) -> list[Job]:
     """Return the jobs of what is missing, each after its inputs."""
-    check_counts(config, ("every", "judged", "episodes", "expert_episodes"))
     for count in config.trajectories:
         if not 1 <= count <= max(COUNTS):
             raise UserError(f"trajectories must be 1 to {max(COUNTS)}, got {count}")

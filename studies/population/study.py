@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.population import fleet, norms
 from socialiq.population.crossing_game import CrossingGame, Payoffs
@@ -21,8 +20,8 @@ from socialiq.types import Row
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
-from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped, seeds_of_blocks
-from socialiq_lab.intersection.training import iteration_runs, train_dial_by_iteration
+from socialiq_lab.intersection.driving import DIAL, seeds_of_blocks, shipped_dials
+from socialiq_lab.intersection.training import first_dial, iteration_jobs
 from socialiq_lab.jobs import Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 
@@ -33,44 +32,6 @@ SHIPPED = {
 """Committed dials, which were trained alone among rule-bound traffic."""
 SELF_PLAY = "self-play"
 START = "start"
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Training seed 0 and episodes from 7,000,000 on were used in development.
-    """
-
-    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    agents: int = 8
-    invaders: int = 1
-    spawn_probabilities: tuple[float, ...] = (0.6, 0.2)
-    """Densities of the rule-bound traffic; invaders drive in the first."""
-    rules: tuple[str, ...] = ("idm", "gap_3s", "go")
-    """Rule-based drivers of a fleet each."""
-    seeds: tuple[int, ...] = (501, 502)
-    """Training seeds of self-play."""
-    updates: int = 10_000
-    states_per_update: int = 32
-    episodes: int = 150  # of each block
-    blocks: tuple[int, ...] = (86_000_000, 87_000_000, 88_000_000, 89_000_000)
-    """First seeds of the blocks of evaluation episodes."""
-    temperatures: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5)
-    """Of the exact game."""
-    minima: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0)
-    """Mandated angles in the exact game."""
-    obeyed: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
-    """Shares of the drivers who obey."""
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        check_counts(self, ("agents", "invaders", "updates", "states_per_update", "episodes"))
-
-    @property
-    def episode_seeds(self) -> tuple[int, ...]:
-        """Seed of each evaluation episode, of all blocks."""
-        return seeds_of_blocks(self.blocks, self.episodes)
 
 
 @dataclass(frozen=True)
@@ -142,42 +103,38 @@ def world_of(config: Meeting | RuleFleets) -> RoadWorld:
     return make_fleet(agents=config.agents, duration=fleet.DURATION, **traffic)
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs: train by self-play, and drive every dial in each density."""
-    listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
-    for run in iteration_runs(config, first_rounds=2, times=1, agents=config.agents):
-        name = f"training/{run.numbers.seed}"
-        inputs = ("dials/effects",)
-        listed.append(Job(name, train_dial_by_iteration, run, inputs, 900.0))
+    seeds = seeds_of_blocks(config.blocks, config.episodes)
+    listed = shipped_dials(SHIPPED)
+    listed += iteration_jobs(config, "dials/effects", 2, 1, 900.0, agents=config.agents)
     for name, source in _dials(config):
         for number, spawn_probability in enumerate(config.spawn_probabilities):
             invaders = 0 if number or name not in (*SHIPPED, _first(config)) else config.invaders
-            meeting = Meeting(
-                config.angles, config.agents, invaders, spawn_probability, config.episode_seeds
-            )
+            meeting = Meeting(config.angles, config.agents, invaders, spawn_probability, seeds)
             cost = 60.0 * (len(config.angles) if invaders else 1)
             listed.append(Job(f"meetings/{name}/{number}", meet, meeting, (source,), cost))
     for number, spawn_probability in enumerate(config.spawn_probabilities):
-        run = RuleFleets(config.rules, config.agents, spawn_probability, config.episode_seeds)
+        run = RuleFleets(config.rules, config.agents, spawn_probability, seeds)
         listed.append(Job(f"rules/{number}", drive_rules, run, (), 30.0))
     return listed
 
 
-def _first(config: Config) -> str:
+def _first(config: Any) -> str:
     return f"{SELF_PLAY} {config.seeds[0]}"
 
 
-def _dials(config: Config) -> list[tuple[str, str]]:
+def _dials(config: Any) -> list[tuple[str, str]]:
     """Return the name of each dial, and of the job that makes it."""
     trained = [(f"{SELF_PLAY} {seed}", f"training/{seed}") for seed in config.seeds]
     return [*((name, f"dials/{name}") for name in SHIPPED), *trained]
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Return fleets and invasions of every dial, the exact game, and where mandates end.
 
     Args:
-        config: Configuration of the study.
+        config: Anyuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
@@ -225,15 +182,14 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "game": game,
         "mandates": mandates,
     }
-    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
-    return Findings(tables, summary, {DIAL: shipped})
+    return Findings(tables, summary, first_dial(config, context))
 
 
-def game_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
+def game_rows(config: Any, payoffs: Payoffs) -> Iterator[Row]:
     """Yield the payoff of an angle among its like, and the best invader's gain.
 
     Args:
-        config: Configuration of the study, whose angles have two or more values.
+        config: Anyuration of the study, whose angles have two or more values.
         payoffs: Expectations for each pair of angles.
 
     Yields:
@@ -255,11 +211,11 @@ def game_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
         }
 
 
-def mandate_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
+def mandate_rows(config: Any, payoffs: Payoffs) -> Iterator[Row]:
     """Yield where each mandated minimum ends, by the share of the drivers that obey.
 
     Args:
-        config: Configuration of the study; `minima`, `obeyed` and `angles` are read.
+        config: Anyuration of the study; `minima`, `obeyed` and `angles` are read.
         payoffs: Expectations for each pair of angles.
 
     Yields:

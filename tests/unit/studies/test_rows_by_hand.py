@@ -13,6 +13,7 @@ from socialiq.evaluation.rollout import MODES
 from socialiq.results_folder import Results
 from socialiq.types import Ending
 from socialiq_lab.declared import State
+from socialiq_lab.registry import find
 from socialiq_lab.tables import options_name
 from studies.audit_power import power
 from studies.audits import study as audits
@@ -201,8 +202,6 @@ def test_the_spread_over_groups_of_episodes_is_that_of_their_shares():
 @pytest.fixture
 def plan_config():
     """Settings of the intersection study, one seed more than an ablation."""
-    from socialiq_lab.registry import find
-
     config = find("intersection").Config()
     return dataclasses.replace(config, seeds=(1, 2), ablation_seeds=(1,), highway_episodes=0)
 
@@ -281,7 +280,9 @@ def test_the_main_table_of_continuous_actions_has_mean_and_spread_over_seeds():
 
 
 def test_every_program_of_continuous_actions_is_driven_and_learners_have_mixtures():
-    config = continuous.Config(seeds=(1,), learner_seeds=(2, 3), angles=(0.0, 90.0))
+    config = find("intersection-continuous").Config(
+        seeds=(1,), learner_seeds=(2, 3), angles=(0.0, 90.0)
+    )
     jobs = {job.name: job for job in continuous.jobs(config)}
     trained = [*continuous.POLICIES, *continuous.KINDS]
     assert all(f"evaluation/{name}" in jobs for name in trained)
@@ -296,10 +297,12 @@ def test_every_program_of_continuous_actions_is_driven_and_learners_have_mixture
     dial = jobs[f"evaluation/{continuous.CONTINUOUS}"].config
     assert dial.angles == (0.0, 90.0) and dial.first_seed == config.first_episode
     with pytest.raises(UserError, match="at least one training seed"):
-        continuous.Config(learner_seeds=())
+        find("intersection-continuous").Config(learner_seeds=())
 
 
-OFFLINE = offline.Config(seeds=(1, 2, 3), angles=(0.0, 45.0), method_angles=(0.0,), together=2)
+OFFLINE = find("intersection-offline").Config(
+    seeds=(1, 2, 3), angles=(0.0, 45.0), method_angles=(0.0,), together=2
+)
 
 
 def test_each_method_of_offline_learning_says_how_it_is_trained():
@@ -373,7 +376,9 @@ def test_a_pair_of_methods_is_compared_over_the_seeds_of_both():
 
 def test_jobs_of_the_recorded_junction_practise_in_one_mixture_alone(tmp_path):
     (tmp_path / "USA_Lanker-1.xml").write_text("<a/>")
-    config = junction.Config(recordings=str(tmp_path), seeds=(1, 2), episodes=10)
+    config = find("recorded-junction-practice").Config(
+        recordings=str(tmp_path), seeds=(1, 2), episodes=10
+    )
     jobs = {job.name: job for job in junction.jobs(config)}
     names = ["recorded", "recorded-with-practice"]
     assert [name for name in jobs if name.startswith("dials/")] == [f"dials/{n}" for n in names]

@@ -263,6 +263,15 @@ def copy_shipped(
     (folder / DIAL).write_bytes((packaged_results() / config.file).read_bytes())
 
 
+def shipped_dials(files: Mapping[str, str]) -> list[Job]:
+    """Return the jobs "dials/NAME" that write dials of the committed results.
+
+    Args:
+        files: File of each dial below the committed results, by its name.
+    """
+    return [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in files.items()]
+
+
 def seeds_of_blocks(blocks: Sequence[int], episodes: int) -> tuple[int, ...]:
     """Return the seed of each episode of all blocks.
 

@@ -39,7 +39,8 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.comparison import nearest_mode, of_modes
 from socialiq_lab.intersection.driving import BEST, DIAL, LAST, mixture_of
-from socialiq_lab.jobs import ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
+from socialiq_lab.study import Context
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVE = "curve.csv"
@@ -254,16 +255,21 @@ class DialIterationRun:
     """Worlds of shifts that the dial drives in; see `road.shifted`."""
 
 
-def iteration_runs(
-    config: Any, first_rounds: int, times: int, **settings: Any
-) -> Iterator[DialIterationRun]:
-    """Yield a run for each seed of a study, of a smaller budget than `train improve-dial` has.
+def iteration_jobs(
+    config: Any, start: str, first_rounds: int, times: int, cost: float, **settings: Any
+) -> Iterator[Job]:
+    """Yield a job for each seed of a study, of a smaller budget than `train improve-dial` has.
 
     Args:
         config: Configuration of the study, with `seeds`, `updates` and `states_per_update`.
+        start: Name of the job that makes the dial to begin with.
         first_rounds: Rounds of labelling before the first update.
         times: Number of checks in a run.
+        cost: Approximate seconds of a job.
         **settings: Further fields of each run.
+
+    Returns:
+        Jobs "training/SEED".
     """
     structure = replace(
         road.ITERATION,
@@ -275,7 +281,18 @@ def iteration_runs(
     numbers = replace(road.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
     checks = Checks(times=times, episodes=100)
     for seed in config.seeds:
-        yield DialIterationRun(structure, replace(numbers, seed=seed), checks, **settings)
+        run = DialIterationRun(structure, replace(numbers, seed=seed), checks, **settings)
+        yield Job(f"training/{seed}", train_dial_by_iteration, run, (start,), cost)
+
+
+def first_dial(config: Any, context: Context) -> dict[str, bytes]:
+    """Return the dial of a study's first seed, as a file of its results.
+
+    Args:
+        config: Configuration of the study, with `seeds`.
+        context: Finished jobs, "training/SEED" among them.
+    """
+    return {DIAL: (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()}
 
 
 def train_dial_by_iteration(
