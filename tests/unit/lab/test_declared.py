@@ -97,14 +97,15 @@ def test_a_setting_may_be_a_dataclass_of_this_project_with_other_values():
         """
 counts = ["updates"]
 [config]
-dial = { of = "socialiq.learners.dial.config:DialConfig", hidden = [8], endings = { timeout = "bootstrap" } }
+dial = { of = "socialiq.learners.dial.config:DialConfig", hidden = [8] }
+learner = { of = "socialiq.learners.iq_learn.config:IQLearnConfig", endings.timeout = "bootstrap" }
 preset = { of = "socialiq.learners.dial.config:INTERSECTION.numbers", seed = 3 }
 rule = { of = "socialiq_lab.intersection.driving:Shipped", file = "a" }
 updates = 5
 """
     )
     config = config_class("a-study", content)()
-    assert config.dial.hidden == (8,) and config.dial.endings.timeout == "bootstrap"
+    assert config.dial.hidden == (8,) and config.learner.endings.timeout == "bootstrap"
     assert config.preset == dataclasses.replace(INTERSECTION.numbers, seed=3)
     assert config.rule.file == "a"
     assert changed(config, {"dial": {"hidden": [4]}}).dial.hidden == (4,)

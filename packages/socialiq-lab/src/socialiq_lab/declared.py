@@ -145,9 +145,9 @@ def _settings(name: str, of: str, **changes: Any) -> Any:
     if not dataclasses.is_dataclass(base):
         raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
     if isinstance(base, type):
-        missing = dataclasses.MISSING
-        needed = [row.name for row in dataclasses.fields(base) if row.default is missing]
-        base = base(**{key: changes[key] for key in needed if key in changes})
+        fields = dataclasses.fields(base)
+        needed = [field.name for field in fields if field.default is field.default_factory]
+        base = base(**{key: changes[key] for key in needed})  # they have neither: both are MISSING
     return changed(base, changes)
 
 
