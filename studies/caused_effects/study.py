@@ -5,34 +5,33 @@ same episode without the ego shows that it caused; `evaluation.effects` measures
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from socialiq.cli.drivers import driver_of
 from socialiq.errors import one_of
-from socialiq.evaluation.effects import COUNTS, expected_delay, measure
-from socialiq.evaluation.measures import Episodes
+from socialiq.evaluation.effects import COUNTS, expected_delay
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.types import RewardPair, Row
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.intersection.driving import (
-    DIAL,
     atlas_demonstrations,
     seeds_of_blocks,
     shipped_dials,
+)
+from socialiq_lab.intersection.effects import (
+    EffectsRun,
+    effects_of,
+    effects_row,
+    measure_effects,
 )
 from socialiq_lab.intersection.training import (
     MixtureRuns,
@@ -40,9 +39,8 @@ from socialiq_lab.intersection.training import (
     iteration_jobs,
     train_runs,
 )
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import over_seeds
 
 CAUSED = "caused"
 EQ_4_2 = "eq_4_2"
@@ -60,63 +58,6 @@ MEASURES = MEANS + COUNTS
 _SHARES = ("gap_below_1_s", "collision", "arrival")
 _ERRORS = ("not_caused_of_charged", "missed_of_caused", "gained_of_credited", "lost_of_credited")
 SUMMARISED = ("r_env", "r_eq_4_2", "delay", "braking", *_SHARES, *_ERRORS)
-MEASURED = "measures.npy"
-
-
-@dataclass(frozen=True)
-class Driving:
-    """Configuration of the episodes of one dial."""
-
-    angles: tuple[float, ...]
-    seeds: tuple[int, ...]
-    effects: EffectOptions
-
-
-@dataclass(frozen=True)
-class DrivingByName:
-    """Configuration of the episodes of a driver by name."""
-
-    driver: str
-    seeds: tuple[int, ...]
-    effects: EffectOptions
-
-
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Drive a dial at each angle; write the measures of its episodes.
-
-    Args:
-        config: Angles, seeds of the episodes, and options of the effects.
-        folder: Folder of the job; it gets an array (episode, measure) for each angle.
-        inputs: Folder of the job that makes the dial.
-    """
-    (trained,) = inputs.values()
-    dial = DialPolicy.load(next(trained.rglob(DIAL)))  # of an offline run below its seed
-    world = Intersection(Options(), config.effects)
-    for angle in config.angles:
-        np.save(
-            folder / f"{angle:g}.npy", measures_of(measure(world, dial.at(angle), config.seeds))
-        )
-
-
-def drive_by_name(
-    config: DrivingByName, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Drive a rule or a policy of the atlas; write the measures of its episodes.
-
-    Args:
-        config: Name of the driver, seeds of the episodes, and options of the effects.
-        folder: Folder of the job; it gets an array (episode, measure).
-    """
-    world = Intersection(Options(), config.effects)
-    policy = driver_of(config.driver, world).policy
-    np.save(folder / MEASURED, measures_of(measure(world, policy, config.seeds)))
-
-
-def measures_of(effects: Episodes) -> np.ndarray:
-    """Return `MEASURES` of each episode, (episode, measure)."""
-    return np.column_stack([effects[name] for name in MEASURES])
 
 
 def jobs(config: Any) -> list[Job]:
@@ -142,12 +83,13 @@ def jobs(config: Any) -> list[Job]:
         )
         inputs = (demonstrations.name,)
         listed.append(Job(f"offline/{seed}", train_runs, mixture, inputs, 100.0))
-    driving = Driving(config.angles, seeds, config.effects)
+    turns = tuple(f"@{angle:g}" for angle in config.angles)
+    driving = EffectsRun(turns, MEASURES, seeds, effects=config.effects)
     for name, inputs in _dials(config):
-        listed.append(Job(f"driving/{name}", drive, driving, (inputs,), 300.0))
+        listed.append(Job(f"driving/{name}", measure_effects, driving, (inputs,), 300.0))
     for name in config.drivers:
-        run = DrivingByName(name, seeds, config.effects)
-        listed.append(Job(f"drivers/{name}", drive_by_name, run, (), 30.0))
+        run = replace(driving, drivers=(name,))
+        listed.append(Job(f"drivers/{name}", measure_effects, run, (), 30.0))
     return listed
 
 
@@ -169,11 +111,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
         Tables `effects`, `differences`, `values` and `drivers`, the summary, and the first seed's
         dial.
     """
+    work = context.work
     driven = {
-        name: {
-            angle: np.load(context.work / "driving" / name / f"{angle:g}.npy")
-            for angle in config.angles
-        }
+        name: dict(zip(config.angles, effects_of(work / "driving" / name)[:, 0], strict=True))
         for name, _ in _dials(config)
     }
     trained = [driven[f"{CAUSED} {seed}"] for seed in config.seeds]
@@ -191,7 +131,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     ]
     values = [row for angle in config.angles for row in value_rows(trained, angle)]
     drivers = [
-        {"driver": name} | measured_row([np.load(context.work / "drivers" / name / MEASURED)])
+        {"driver": name} | measured_row(effects_of(work / "drivers" / name)[0])
         for name in config.drivers
     ]
     summary: dict[str, Any] = {dial: {} for dial in dials}
@@ -209,9 +149,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
 
 def measured_row(runs: Sequence[np.ndarray]) -> Row:
     """Return means over training seeds, intervals over episodes, ranges over seeds, and shares."""
-    row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
-    for column, name in enumerate(MEANS):
-        row |= over_seeds(name, [run[:, column] for run in runs])
+    row = effects_row(MEANS, runs)
     counts = np.sum([run[:, len(MEANS) :].sum(axis=0) for run in runs], axis=0)
     charged, not_caused, caused, missed, credited, gained, lost = counts.tolist()
     row["not_caused_of_charged"] = not_caused / max(charged, 1.0)
