@@ -104,7 +104,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Return each dial's measures at each angle, differences of both, and values at each angle.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:

@@ -155,7 +155,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Return every cell, and for each shift and angle the dials and the best rule.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:

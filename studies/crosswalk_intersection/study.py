@@ -103,7 +103,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Return what dials cause at each pair of angles, and drivers with and without a shield.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:

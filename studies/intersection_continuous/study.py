@@ -198,7 +198,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the experts and the first dial.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:

@@ -79,7 +79,7 @@ def recipe_of(config: Any, family: str) -> tuple[DialConfig, DialHyperparameters
     """Return how the dials of a family are trained; for agents, all settings but the angle.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         family: Kind of policy, from `FAMILIES`.
     """
     if family == DIALS:
@@ -158,7 +158,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dials of the first seed.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:

@@ -54,7 +54,7 @@ def program_of(config: Any, seed: int) -> tuple[int, ...]:
     """Return the training seeds of a seed's program.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         seed: Training seed.
     """
     first = config.seeds.index(seed) // config.together * config.together
@@ -65,7 +65,7 @@ def runs_of(config: Any, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
     """Return the runs of the dial or of a method.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         method: `OWN`, the dial, or a name from `METHODS`; a "clone of all" has one run for every
             angle.
         seeds: Training seeds of the program.
@@ -99,7 +99,7 @@ def folder_of(config: Any, method: str, seed: int) -> str:
     """Return the folder of the program that trains a seed's runs of a method.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         method: `OWN`, the dial, or a name from `METHODS`.
         seed: Training seed.
     """
@@ -153,7 +153,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dial of the first seed.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
@@ -212,7 +212,7 @@ def compared(config: Any, policies: Sequence[Row]) -> dict[str, list[Row]]:
     Holm over the demonstrators of all angles, over the methods of all angles, and over the forms.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         policies: Rows of each policy and angle, with its J(α) as `value`.
 
     Returns:

@@ -134,7 +134,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Return fleets and invasions of every dial, the exact game, and where mandates end.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
@@ -189,7 +189,7 @@ def game_rows(config: Any, payoffs: Payoffs) -> Iterator[Row]:
     """Yield the payoff of an angle among its like, and the best invader's gain.
 
     Args:
-        config: Anyuration of the study, whose angles have two or more values.
+        config: Configuration of the study, whose angles have two or more values.
         payoffs: Expectations for each pair of angles.
 
     Yields:
@@ -215,7 +215,7 @@ def mandate_rows(config: Any, payoffs: Payoffs) -> Iterator[Row]:
     """Yield where each mandated minimum ends, by the share of the drivers that obey.
 
     Args:
-        config: Anyuration of the study; `minima`, `obeyed` and `angles` are read.
+        config: Configuration of the study; `minima`, `obeyed` and `angles` are read.
         payoffs: Expectations for each pair of angles.
 
     Yields:

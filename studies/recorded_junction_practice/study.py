@@ -30,7 +30,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """Return a row for each driver and angle, and the turn of each mixture's dials.
 
     Args:
-        config: Anyuration of the study.
+        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
