@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from socialiq import Margin, RewardPair, declare, score
+from socialiq import Margin, RewardPair, score
 from socialiq.audit.conduct import conduct
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.template import USUAL, floor_at
+from socialiq.audit.profile.template import floor_at
 from socialiq.audit.report.views import arcs
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import check_episodes
@@ -25,6 +25,7 @@ from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights
 from socialiq.statistics.intervals import clopper_pearson, episodes_needed
 from socialiq.types import Row
+from socialiq_lab.audit_arena import default_declaration
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
 from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
 from socialiq_lab.tables import column, matching
@@ -218,11 +219,8 @@ def audit_rows(
     rows = []
     profile = folder / "profile.toml"
     for policy in tracked(policies, on_stage, f"audits, {policies[0].world}", "audits"):
-        usual = USUAL[policy.world]
-        floor = policy.floor
-        margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
-        who = "the study of audits", policy.world
-        declared = declare(policy.declared, *who, margin, DAY, competence=floor, clip=usual.clip)
+        declaration = policy.world, policy.declared, None, policy.floor
+        declared = default_declaration(*declaration, False, "the study of audits", DAY)
         # Without the template's comments, whose wording would otherwise determine the episodes.
         lines = [line for line in declared.source.splitlines() if line and line[:1] != b"#"]
         profile.write_bytes(b"\n".join(lines))

@@ -25,12 +25,13 @@ from socialiq.results_folder import Results
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs
+from socialiq_lab.audit_arena import RESAMPLES
 from socialiq_lab.comparison_runs import Learner, Run, best_episodes_cloned, iq_learn, offline
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import column, groups, matching, mean, where
 from studies.poison import robust
-from studies.poison.places import ATTACKERS, GRID, RESAMPLES, ROAD, Grid, Poison, Road
+from studies.poison.places import ATTACKERS, GRID, ROAD, Grid, Poison, Road
 
 METHODS = comparison.declared_methods(declaration("poison"))
 """The learners by name."""
