@@ -5,7 +5,7 @@ the second one improved in fleets that it drives against itself.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,7 @@ from socialiq.population import fleet, norms
 from socialiq.population.crossing_game import CrossingGame, Payoffs
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically
-from socialiq.types import Row
-from socialiq.worlds.highway.world import RoadWorld
+from socialiq.types import Policy, Row
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.intersection.driving import DIAL, seeds_of_blocks, shipped_dials
@@ -31,76 +30,47 @@ SHIPPED = {
 }
 """Committed dials, which were trained alone among rule-bound traffic."""
 SELF_PLAY = "self-play"
-START = "start"
+FLEETS = "fleets.csv"
+INVASIONS = "invasions.csv"
+"""Files of a job."""
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """Configuration of the fleets of one dial in traffic of one density."""
+    """Configuration of the fleets of one dial, or of rules, in traffic of one density."""
 
-    angles: tuple[float, ...]
-    agents: int
-    invaders: int  # 0: only fleets of one angle
-    spawn_probability: float
-    seeds: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class RuleFleets:
-    """Configuration of the fleets of rules in traffic of one density."""
-
-    rules: tuple[str, ...]
     agents: int
     spawn_probability: float
     seeds: tuple[int, ...]
+    angles: tuple[float, ...] = ()
+    rules: tuple[str, ...] = ()
+    invaders: int = 0  # 0: only fleets of one driver
 
 
 def meet(
     config: Meeting, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
 ) -> None:
-    """Drive fleets of a dial at each angle, and invaders among them; write their rows.
+    """Drive fleets of a dial at each angle or of each rule, and invaders among them.
 
     Args:
-        config: Angles, numbers of agents and invaders, density of traffic, and seeds.
+        config: Drivers, numbers of agents and invaders, density of traffic, and seeds.
         folder: Folder of the job, to which the rows are written.
-        inputs: Folder of the job that makes the dial.
+        inputs: Folder of the job that makes the dial; empty for rules.
     """
-    (trained,) = inputs.values()
-    dial = DialPolicy.load(trained / DIAL)
-    world = world_of(config)
+    traffic: dict[str, Any] = {"spawn_probability": config.spawn_probability}
+    world = make_fleet(agents=config.agents, duration=fleet.DURATION, **traffic)
     seeds = np.array(config.seeds)
-    drivers = {angle: dial.at(angle) for angle in config.angles}
+    drivers: dict[Any, Policy] = {name: policy(name) for name in config.rules}
+    for trained in inputs.values():
+        dial = DialPolicy.load(trained / DIAL)
+        drivers |= {angle: dial.at(angle) for angle in config.angles}
+    kind = "rule" if config.rules else "angle"
     uniform = fleet.uniform_fleets(world, drivers, seeds)
-    rows = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
-    write_atomically(folder / "fleets.csv", as_csv(rows))
+    rows = [{kind: driver, **fleet.summary(group, 0)} for driver, group in uniform.items()]
+    write_atomically(folder / FLEETS, as_csv(rows))
     if config.invaders:
         invasions = fleet.invasions(world, drivers, uniform, seeds, config.invaders, 0)
-        write_atomically(folder / "invasions.csv", as_csv(list(invasions)))
-
-
-def drive_rules(
-    config: RuleFleets, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Drive a fleet of each rule; write their rows.
-
-    Args:
-        config: Names of the rules, number of agents, density of traffic, and seeds.
-        folder: Folder of the job, to which the rows are written.
-    """
-    world = world_of(config)
-    everybody = np.zeros((len(config.seeds), config.agents), np.int64)
-    rows = [
-        {"rule": name}
-        | fleet.summary(fleet.drive(world, [policy(name)], everybody, config.seeds), 0)
-        for name in config.rules
-    ]
-    write_atomically(folder / "rules.csv", as_csv(rows))
-
-
-def world_of(config: Meeting | RuleFleets) -> RoadWorld:
-    """Return the intersection of some fleets."""
-    traffic: dict[str, Any] = {"spawn_probability": config.spawn_probability}
-    return make_fleet(agents=config.agents, duration=fleet.DURATION, **traffic)
+        write_atomically(folder / INVASIONS, as_csv(list(invasions)))
 
 
 def jobs(config: Any) -> list[Job]:
@@ -108,20 +78,17 @@ def jobs(config: Any) -> list[Job]:
     seeds = seeds_of_blocks(config.blocks, config.episodes)
     listed = shipped_dials(SHIPPED)
     listed += iteration_jobs(config, "dials/effects", 2, 1, 900.0, agents=config.agents)
-    for name, source in _dials(config):
-        for number, spawn_probability in enumerate(config.spawn_probabilities):
-            invaders = 0 if number or name not in (*SHIPPED, _first(config)) else config.invaders
-            meeting = Meeting(config.angles, config.agents, invaders, spawn_probability, seeds)
-            cost = 60.0 * (len(config.angles) if invaders else 1)
-            listed.append(Job(f"meetings/{name}/{number}", meet, meeting, (source,), cost))
     for number, spawn_probability in enumerate(config.spawn_probabilities):
-        run = RuleFleets(config.rules, config.agents, spawn_probability, seeds)
-        listed.append(Job(f"rules/{number}", drive_rules, run, (), 30.0))
+        meeting = Meeting(config.agents, spawn_probability, seeds)
+        for name, source in _dials(config):
+            invades = not number and name in (*SHIPPED, f"{SELF_PLAY} {config.seeds[0]}")
+            invaders = config.invaders if invades else 0
+            run = replace(meeting, angles=config.angles, invaders=invaders)
+            cost = 60.0 * (len(config.angles) if invaders else 1)
+            listed.append(Job(f"meetings/{name}/{number}", meet, run, (source,), cost))
+        run = replace(meeting, rules=config.rules)
+        listed.append(Job(f"rules/{number}", meet, run, (), 30.0))
     return listed
-
-
-def _first(config: Any) -> str:
-    return f"{SELF_PLAY} {config.seeds[0]}"
 
 
 def _dials(config: Any) -> list[tuple[str, str]]:
@@ -147,13 +114,13 @@ def compute_tables(config: Any, context: Context) -> Findings:
         for number, spawn_probability in enumerate(config.spawn_probabilities):
             folder = context.work / "meetings" / name / str(number)
             label = {"dial": name, "spawn_probability": spawn_probability}
-            fleets += [label | row for row in from_csv(folder / "fleets.csv")]
-            if (folder / "invasions.csv").is_file():
-                invasions += [label | row for row in from_csv(folder / "invasions.csv")]
+            fleets += [label | row for row in from_csv(folder / FLEETS)]
+            if (folder / INVASIONS).is_file():
+                invasions += [label | row for row in from_csv(folder / INVASIONS)]
     rules = [
         {"spawn_probability": spawn_probability, **row}
         for number, spawn_probability in enumerate(config.spawn_probabilities)
-        for row in from_csv(context.work / "rules" / str(number) / "rules.csv")
+        for row in from_csv(context.work / "rules" / str(number) / FLEETS)
     ]
     game = list[Row]()
     mandates = list[Row]()
