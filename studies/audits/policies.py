@@ -11,13 +11,11 @@ from socialiq import QPolicy, make
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR, floor_at
 from socialiq.evaluation import exact, rollout
-from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
-from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import config as presets
 from socialiq.policies.drivers import ATLAS
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
-from socialiq_lab.gridworld_runs import grid_of, train_runs
+from socialiq_lab.gridworld_runs import grid_of, train_dials, train_runs
 from socialiq_lab.study import StageCallback
 
 GRIDWORLD = "crossing7"
@@ -101,14 +99,10 @@ def trained_in_gridworld(
     plain = presets.baseline(steered)
     baseline = train_runs(ground, plain, alone, data, on_stage("7x7 baseline"))
     baseline.policy(0).save(folder / "baseline.safetensors")
-    static, dial_numbers, clock, _ = RUNS["online"]
-    clocked = ground.with_clock(clock)
-    world = clocked.table.world
-    data = rollout.trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
-    static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates[1])
-    run = dataclasses.replace(dial_numbers, seed=seed)
-    callbacks = Callbacks(on_report=on_stage("7x7 dial"))
-    dial = train(static, [run], data, world, callbacks=callbacks).policy(0)
+    clocked = ground.with_clock(RUNS["online"].clock).table
+    data = rollout.trajectory_datasets(clocked, [seed], _EPISODES_EACH)
+    inputs = clocked.world, [seed], data, updates[1], on_stage("7x7 dial")
+    dial = train_dials(RUNS["online"], *inputs).policy(0)
     dial.save(folder / "dial.safetensors")
     dial.at(0.0).save(folder / "dial_stuck.safetensors")
 

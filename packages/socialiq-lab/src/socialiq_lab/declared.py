@@ -112,7 +112,7 @@ def config_class(
         if isinstance(value, str) and value.startswith("$"):
             value = list(content.get(value[1:], ()))
         if isinstance(value, Mapping) and "of" in value:
-            value = _settings(f"{name}: {key}", **value)
+            value = settings_of(f"{name}: {key}", **value)
         if isinstance(value, list):
             if not value or len({type(item) for item in value}) > 1:
                 raise UserError(f"{name}: {key} must be a list of equal types, and not empty")
@@ -133,8 +133,17 @@ def config_class(
     return dataclasses.make_dataclass("Config", fields, frozen=True, namespace=namespace)
 
 
-def _settings(name: str, of: str, **changes: Any) -> Any:
-    """Return a dataclass of this project, or an instance by name, with other values."""
+def settings_of(name: str, of: str, **changes: Any) -> Any:
+    """Return a dataclass of this project, or an instance, with other values.
+
+    Args:
+        name: Name of the value, for messages.
+        of: MODULE:NAME of the dataclass or the instance.
+        **changes: Values of its fields.
+
+    Raises:
+        UserError: If there is none of that name.
+    """
     module, _, path = of.partition(":")
     if module.split(".")[0] not in ("socialiq", "socialiq_lab", "socialiq_recordings"):
         raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
