@@ -12,15 +12,12 @@ from typing import Any
 from socialiq import QPolicy
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Metrics
-from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES
-from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
@@ -42,7 +39,6 @@ POLICIES = "policies.csv"
 """Files of a training job: updates per second; the file of the policy of each run and angle."""
 
 DEMONSTRATORS = "references/intersection"  # job that drives the demonstrators
-ENVIRONMENTS = 12  # intersections side by side in which a learner acts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,23 +130,12 @@ def train_method(
     """
     method = METHODS[config.method]
     (recordings,) = inputs.values()
-    static = presets.INTERSECTION_CALIBRATED
-    steps = config.updates * static.env_steps_per_update
-    arena = comparison_runs.Arena(
-        dataclasses.replace(
-            static,
-            view="set",  # a network that sees vehicles as a set
-            hidden=config.hidden,
-            batch_size=config.batch_size,
-            replay_capacity=min(100_000, steps),
-        ),
-        dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3),
-        config.updates,
+    arena = comparison_runs.intersection_arena(
         [driving.mixture_of(recordings, driving.SIZE, seed) for seed in config.seeds],
-        None,
-        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // comparison_runs.Arena.chunk)),
+        config.updates,
         lambda report: on_progress(0.9 * report.done / report.total),
-        advantage="advantage_fitted",
+        config.hidden,
+        config.batch_size,
     )
     served = method.served(config.angles)
     runs = comparison_runs.runs_of(config.settings, served, config.seeds)

@@ -15,17 +15,15 @@ from socialiq.demonstrations.trust import consistency
 from socialiq.evaluation import exact, malice
 from socialiq.evaluation.labels import trusted
 from socialiq.evaluation.malice import Malice
-from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES, record, trajectory_datasets
 from socialiq.learners.iq_learn import config as iq
 from socialiq.types import Row
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.audit_arena import AuditArena, course_of
 from socialiq_lab.comparison import Setting
-from socialiq_lab.comparison_runs import Arena
+from socialiq_lab.comparison_runs import Arena, intersection_arena
 
 GRID = "crossing7"
 ROAD = "intersection"
@@ -34,8 +32,7 @@ OPTIONS = {"braking": "one_level"}
 ATTACKERS = {"hater": "hater", "rammer": "rammer", "adaptive": "hater"}
 """Attackers by name and what they do; the adaptive one forges within limits of `data trust`."""
 BATCH = 512
-ENVIRONMENTS = 12
-"""Episodes side by side, and intersections in which a learner acts."""
+"""Episodes side by side."""
 
 
 class Poison(NamedTuple):
@@ -179,20 +176,7 @@ class Road:
             datasets: Data set of each contamination.
             on_report: Progress callback of the training.
         """
-        static = iq.INTERSECTION_CALIBRATED
-        updates = self.config.road_updates
-        steps = updates * static.env_steps_per_update
-        shape = {"view": "set", "hidden": (64, 64), "batch_size": 64, "replay_capacity": steps}
-        numbers = dataclasses.replace(iq.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3)
-        return Arena(
-            dataclasses.replace(static, **shape),
-            numbers,
-            updates,
-            datasets,
-            None,
-            lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // Arena.chunk)),
-            on_report,
-        )
+        return intersection_arena(datasets, self.config.road_updates, on_report)
 
     def measured(self, policy: Any, angle: float) -> Row:
         """Drive the episodes of a greedy policy's default audit, and decide it at an angle.

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from socialiq import Demonstrations, RewardPair, score, weights
+from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.acting import dials, soft
@@ -21,9 +22,11 @@ from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Collector, Source
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.types import Act, Row
+from socialiq.worlds.intersection.options import Options
 from socialiq_lab.comparison import Method, Setting, nearest_mode, of_modes
 
 
@@ -183,6 +186,41 @@ class Arena:
         kind = "one core" if device.platform == "cpu" else device.device_kind
         label = {"world": world, "method": method.name, "runs": runs}
         return label | {"updates_per_second": rate, "device": f"{kind}, JAX {jax.__version__}"}
+
+
+ENVIRONMENTS = 12
+"""Intersections side by side in which a learner acts."""
+
+
+def intersection_arena(
+    datasets: Sequence[Demonstrations],
+    updates: int,
+    on_report: Callable[[Report], None] | None,
+    hidden: tuple[int, ...] = (64, 64),
+    batch_size: int = 64,
+) -> Arena:
+    """Return the inputs of all methods at the intersection.
+
+    Args:
+        datasets: A mixture for each seed.
+        updates: Gradient steps of each network.
+        on_report: Progress callback.
+        hidden: Hidden layers of each network, over a view of the vehicles as a set.
+        batch_size: Rows of a batch.
+    """
+    static = presets.INTERSECTION_CALIBRATED
+    steps = updates * static.env_steps_per_update
+    shape = {"view": "set", "hidden": hidden, "batch_size": batch_size}
+    return Arena(
+        dataclasses.replace(static, **shape, replay_capacity=min(100_000, steps)),
+        dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3),
+        updates,
+        datasets,
+        None,
+        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // Arena.chunk)),
+        on_report,
+        advantage="advantage_fitted",
+    )
 
 
 def _names(kind: type) -> set[str]:
