@@ -4,6 +4,7 @@ Both are trained by policy iteration from the same dial. The social reward of th
 same episode without the ego shows that it caused; `evaluation.effects` measures both.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -124,11 +125,13 @@ def compute_tables(config: Any, context: Context) -> Findings:
         for dial, runs in dials.items()
         for angle in config.angles
     ]
-    differences = [
-        {"angle": angle} | difference_row(trained, driven[EQ_4_2], angle, name)
-        for name in ("delay", "braking", *_SHARES)
-        for angle in config.angles
-    ]
+    differences: list[Row] = []
+    for name, angle in itertools.product(("delay", "braking", *_SHARES), config.angles):
+        column = MEASURES.index(name)
+        means = np.mean([run[angle][:, column] for run in trained], axis=0)
+        change = paired_difference(means, driven[EQ_4_2][angle][:, column])
+        row = {"angle": angle, "measure": name, "difference": change.mean}
+        differences.append(row | {"low": change.low, "high": change.high})
     values = [row for angle in config.angles for row in value_rows(trained, angle)]
     drivers = [
         {"driver": name} | measured_row(effects_of(work / "drivers" / name)[0])
@@ -156,29 +159,6 @@ def measured_row(runs: Sequence[np.ndarray]) -> Row:
     row["missed_of_caused"] = missed / max(caused, 1.0)
     row["gained_of_credited"] = gained / max(credited, 1.0)
     return row | {"lost_of_credited": lost / max(credited, 1.0)}
-
-
-def difference_row(
-    trained: Sequence[Mapping[float, np.ndarray]],
-    reference: Mapping[float, np.ndarray],
-    angle: float,
-    name: str,
-) -> Row:
-    """Return the mean difference of the trained dials to another one, paired by episode.
-
-    Args:
-        trained: Measures (episode, measure) by angle of the dial of each training seed.
-        reference: The same of the dial that they are compared with.
-        angle: Angle in degrees.
-        name: Name of the measure, from `MEASURES`.
-
-    Returns:
-        Name of the measure, mean difference over seeds and episodes, and the ends of its interval.
-    """
-    column = MEASURES.index(name)
-    values = np.mean([run[angle][:, column] for run in trained], axis=0)
-    change = paired_difference(values, reference[angle][:, column])
-    return {"measure": name, "difference": change.mean, "low": change.low, "high": change.high}
 
 
 def value_rows(trained: Sequence[Mapping[float, np.ndarray]], angle: float) -> list[Row]:

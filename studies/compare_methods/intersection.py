@@ -5,7 +5,7 @@ is fast at. Episodes are driven by the compiled core, on as many processes as th
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
 from socialiq_lab.intersection import driving
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from studies.compare_methods.learners import LEARNERS
 
@@ -117,7 +117,7 @@ def jobs_of(
 def train_method(
     config: IntersectionRuns,
     folder: Path,
-    inputs: Mapping[str, Path],
+    inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Train every run; write their policies, which file serves which angle, and the speed.
@@ -155,9 +155,7 @@ def train_method(
     on_progress(1.0)
 
 
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Drive each policy once, and write a row for each angle.
 
     Args:
@@ -197,7 +195,7 @@ def _driven(config: driving.EpisodesRun, policy: Policy) -> Metrics:
 def drive_demonstrators(
     config: DemonstratorsRun,
     folder: Path,
-    _inputs: Mapping[str, Path],
+    _inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Write J(α) of each demonstrator at every angle.

@@ -27,10 +27,10 @@ from socialiq_lab import comparison, comparison_runs, comparison_tables
 from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
 from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
 from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, View
-from socialiq_lab.tables import column, groups, with_holm
+from socialiq_lab.tables import column, groups, labelled, with_holm
 
 METHODS = comparison.declared_methods(declaration("compare-priors"))
 """The comparison's rows by name."""
@@ -137,7 +137,7 @@ def _job(config: Any, phase: str, world: str, method: Method, strengths: tuple[f
 
 
 def run_method(
-    config: GridRuns, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: GridRuns, folder: Path, _inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Train every run and write a row for each policy, angle and action selection.
 
@@ -242,14 +242,14 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
 
     keys = ("world", "readout", "target_angle")
     rows: list[Row] = []
-    for values, group in groups(policies, *keys).items():
+    for label, group in labelled(policies, *keys):
         errors = [abs(angle_difference(row["angle"], row["target_angle"])) for row in group]
         error = np.array(errors)
         regret = np.array(column(group, "regret"))
         if len(group) < 3 or np.ptp(error) == 0 or np.ptp(regret) == 0:
             continue  # ranks need a difference
         test: Any = spearmanr(error, regret)
-        entry: Row = dict(zip(keys, values, strict=True)) | {"policies": len(group)}
+        entry = label | {"policies": len(group)}
         entry |= {"spearman": float(test.statistic), "p": float(test.pvalue)}
         entry |= {"error_at_least_regret": float(error[regret.argmin()])}
         entry |= {"regret_at_least_error": float(regret[error.argmin()])}

@@ -7,7 +7,7 @@ that no training has seen.
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,9 +27,9 @@ from socialiq.worlds.highway.perception import KNOWN
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection import driving, training
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import groups
+from socialiq_lab.tables import column, groups, labelled, mean
 
 RULES = ("go", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "idm")
 CELLS = "cells.csv"
@@ -73,9 +73,7 @@ class EnsembleDriving(Driving):
     """Configuration of the episodes of all dials as one ensemble."""
 
 
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Write a row for each driver, front end and angle.
 
     Args:
@@ -96,7 +94,7 @@ def drive(
 
 
 def _drivers(
-    config: Driving, inputs: Mapping[str, Path]
+    config: Driving, inputs: Inputs
 ) -> Iterator[tuple[Row, Policy, str, tuple[float, ...]]]:
     """Yield label, policy, front end and the angles at which the episodes count."""
     dials = {name: DialPolicy.load(folder / driving.DIAL) for name, folder in inputs.items()}
@@ -165,10 +163,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     drivers = [START, *(f"{TRAINED}/{seed}" for seed in config.seeds), ENSEMBLE]
     for shift, driver in itertools.product(config.shifts, drivers):
         cells += from_csv(context.work / _driven(driver, shift) / CELLS)
-    compared = [
-        {"shift": shift, "angle": angle} | _compared(rows)
-        for (shift, angle), rows in groups(cells, "shift", "angle").items()
-    ]
+    compared = [label | _compared(rows) for label, rows in labelled(cells, "shift", "angle")]
     files = {
         f"{TRAINED}-{seed}.safetensors": (
             context.work / TRAINED / str(seed) / driving.DIAL
@@ -185,11 +180,10 @@ def _compared(cells: list[Row]) -> Row:
         if driver in RULES:
             continue
         name = f"{driver}_front" if driver == "dial" and front_end else driver
-        row[name] = float(np.mean([cell["value"] for cell in rows]))
-        collisions = [cell["collision"] for cell in rows]
-        row[f"{name}_collision"] = float(np.mean(collisions))
+        row[name] = mean(rows, "value")
+        row[f"{name}_collision"] = mean(rows, "collision")
         if driver == TRAINED:
-            row[f"{name}_collision_largest"] = max(collisions)
+            row[f"{name}_collision_largest"] = max(column(rows, "collision"))
     best = max((cell for cell in cells if cell["driver"] in RULES), key=lambda cell: cell["value"])
     rule = best["driver"] + (" with front end" if best["front_end"] else "")
     return row | {"rule": best["value"], "rule_collision": best["collision"], "best_rule": rule}

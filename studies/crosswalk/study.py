@@ -42,13 +42,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
         dials.append({"seed": seed} | means | largest)
         directions += rows
     optima = list(ground.optima(config.every))
-    fine = {_sums(row) for row in ground.optima(config.fine)}
+    fine = {tuple(round(row[name], 6) for name in SUMS) for row in ground.optima(config.fine)}
     summary = {"states": ground.part.mdp.n_states, "distinct_optima": len(fine)}
     summary |= {"vertices": len(ground.front().vertices) if config.front else 0}
     summary |= {"worst_regret": max(row["worst_regret"] for row in dials)}
     tables = {"optima": optima, "directions": directions, "dials": dials}
     return Findings(tables, summary, {DIAL: file_of(trained.policy(0))})
-
-
-def _sums(row: Row) -> tuple[float, ...]:
-    return tuple(round(row[name], 6) for name in SUMS)

@@ -5,7 +5,6 @@ costs vehicles; the seconds that people wait for it are counted by sub-step.
 """
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from socialiq_lab.intersection.effects import (
     measure_effects,
 )
 from socialiq_lab.intersection.training import first_dial
-from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, callbacks_of
 from socialiq_lab.study import Context, Findings
 
 BLIND = "intersection-dial-clock/iterated.safetensors"
@@ -41,9 +40,7 @@ class Training:
     numbers: policy_iteration.IterationHyperparameters
 
 
-def train(
-    config: Training, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def train(config: Training, folder: Path, _inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Train a dial and write it.
 
     Args:

@@ -16,7 +16,7 @@ from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 from socialiq_lab.gridworld_runs import file_of, train_dials
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import column, groups, nested, spread
+from socialiq_lab.tables import column, labelled, nested, spread
 
 KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
 """Angles in degrees whose mean regret is the key regret of a dial."""
@@ -185,8 +185,8 @@ def _reached(points: np.ndarray, angle: float) -> mixtures.Setting | None:
 def _pooled(dials: list[Row]) -> list[Row]:
     """Mean, least and largest over seeds of every number of a run and action selection."""
     rows = []
-    for (run, readout), group in groups(dials, "run", "readout").items():
-        row: Row = {"run": run, "readout": readout, "seeds": len(group)}
+    for label, group in labelled(dials, "run", "readout"):
+        row = label | {"seeds": len(group)}
         for name in (name for name in group[0] if name not in ("run", "readout", "seed")):
             valued = [dial for dial in group if dial[name] != ""]
             ends = spread(valued, name) if valued else dict.fromkeys(("mean", "low", "high"), "")

@@ -6,7 +6,7 @@ dials of discrete actions, of the same steps and updates, drive the same episode
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,11 +35,13 @@ from socialiq_lab.intersection import driving
 from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.intersection.thesis_values import METRICS
 from socialiq_lab.intersection.training import fit
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import (
     groups,
+    labelled,
     matching,
+    mean,
     nested,
     numeric_means,
     paired_differences,
@@ -146,9 +148,7 @@ def jobs(config: Any) -> list[Job]:
     return planned
 
 
-def train_runs(
-    config: Runs, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def train_runs(config: Runs, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Write the policy of each run; each training seed of learners has its own mixture.
 
     Args:
@@ -303,12 +303,12 @@ def _families(dials: Sequence[Row]) -> list[Row]:
     """Return J and regret at each angle, means of both, and monotony, of each dial of a kind."""
     corner = intersection.points_of(dials).min(axis=0)
     return [
-        {"kind": kind, "seed": seed}
+        label
         | {f"value_{row['asked']:g}": row["value"] for row in rows}
-        | {f"mean_{n}": float(np.mean([r[n] for r in rows])) for n in ("value", "regret")}
+        | {f"mean_{name}": mean(rows, name) for name in ("value", "regret")}
         | {"hypervolume": hypervolume(intersection.points_of(rows), corner)}
         | intersection.backward_steps(rows)
-        for (kind, seed), rows in groups(dials, "kind", "seed").items()
+        for label, rows in labelled(dials, "kind", "seed")
     ]
 
 

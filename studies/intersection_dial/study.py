@@ -10,8 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.evaluation.front import hypervolume
@@ -25,7 +23,7 @@ from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.jobs import Job
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import groups, matching, numeric_means, paired_differences
+from socialiq_lab.tables import column, groups, matching, mean, numeric_means, paired_differences
 
 DIALS = "dial"
 AGENTS = "agents"
@@ -250,14 +248,13 @@ def _families(config: Any, policies: Sequence[Row]) -> list[Row]:
         if not rows:
             continue
         key = [row for row in rows if row["asked"] in config.key_angles]
-        regrets = [row["regret"] for row in key]
         points = intersection.points_of(key)
         compared.append(
             {"family": family, "seed": seed, "hypervolume": hypervolume(points, corner)}
-            | {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
+            | {"mean_regret": mean(key, "regret"), "worst_regret": max(column(key, "regret"))}
             | {f"regret_{row['asked']:g}": row["regret"] for row in key}
             | {
-                f"mean_{name}": float(np.mean([row[name] for row in key]))
+                f"mean_{name}": mean(key, name)
                 for name in ("known_regret", "others_regret")
                 if name in key[0]
             }

@@ -11,8 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
@@ -25,10 +23,10 @@ from socialiq.worlds.intersection import atlas
 from socialiq_lab.intersection import driving
 from socialiq_lab.intersection.rows import times, valued
 from socialiq_lab.intersection.training import MixtureRuns, run_file, train_runs
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import groups, matching, paired_row, spread, with_holm
+from socialiq_lab.tables import groups, labelled, matching, mean, paired_row, spread, with_holm
 
 METHODS: dict[str, Any] = declaration("intersection-offline")["method"]
 """Methods beside the dial, with a run for each angle; the last three act in the world."""
@@ -135,7 +133,7 @@ def jobs(config: Any) -> list[Job]:
 def save_demonstrators(
     _config: driving.Recording,
     folder: Path,
-    _inputs: Mapping[str, Path],
+    _inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Write the experts of the atlas, so that other jobs can drive them.
@@ -162,15 +160,14 @@ def compute_tables(config: Any, context: Context) -> Findings:
     policies = _policies(config, context.work)
     trained = [job for job in context.jobs if job.stage in ("dials", "learners")]
     pooled: list[Row] = []
-    for (method, angle), rows in groups(policies, "method", "asked").items():
+    names = ("r_env", "r_social", "arrival", "collision", "timeout")
+    for label, rows in labelled(policies, "method", "asked"):
         value = spread(rows, "value")
         pooled.append(
-            {"method": method, "asked": angle, "seeds": len(rows), "value": value.pop("mean")}
+            label
+            | {"seeds": len(rows), "value": value.pop("mean")}
             | value
-            | {
-                name: float(np.mean([row[name] for row in rows]))
-                for name in ("r_env", "r_social", "arrival", "collision", "timeout")
-            }
+            | {name: mean(rows, name) for name in names}
         )
     tests = compared(config, policies)
     tables = {

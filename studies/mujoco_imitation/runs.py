@@ -1,7 +1,7 @@
 """Tasks, methods, and the jobs: experts, their demonstrations, and what learns from them."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +25,7 @@ from socialiq.worlds.environment import action_size, sizes
 from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
 from socialiq_lab.declared import settings_of
-from socialiq_lab.jobs import ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Inputs, ProgressCallback, callbacks_of
 from socialiq_lab.registry import declaration
 
 
@@ -145,9 +145,7 @@ class Expert:
     evaluation_seed: int
 
 
-def train_expert(
-    recipe: Expert, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
-) -> None:
+def train_expert(recipe: Expert, folder: Path, _inputs: Inputs, progress: ProgressCallback) -> None:
     """Train, or go on; write the best checkpoint, and the returns of all.
 
     Args:
@@ -214,9 +212,7 @@ class Imitation:
     evaluation_seed: int
 
 
-def imitate(
-    run: Imitation, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
-) -> None:
+def imitate(run: Imitation, folder: Path, inputs: Inputs, progress: ProgressCallback) -> None:
     """Train and write the piece of each seed; an interrupted training goes on.
 
     Args:
@@ -263,7 +259,7 @@ def settled(run: Imitation) -> Method:
     if method.online:
         updates = method.updates or TASKS[run.task].online_updates
         changes["updates_per_round"] = min(ROUND, run.updates or updates)
-    return method.changed(static=changes | {"updates": run.updates or updates})
+    return changed(method, {"static": changes | {"updates": run.updates or updates}})
 
 
 def learn(

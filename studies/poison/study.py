@@ -26,7 +26,7 @@ from socialiq_lab.audit_arena import RESAMPLES
 from socialiq_lab.comparison_runs import Learner, Run, best_episodes_cloned, iq_learn, offline
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
-from socialiq_lab.tables import column, groups, mean
+from socialiq_lab.tables import column, groups, labelled, mean
 from studies.poison import robust
 from studies.poison.places import ATTACKERS, GRID, ROAD, Grid, Poison, Road
 
@@ -175,8 +175,7 @@ def curves_of(rows: Sequence[Row]) -> tuple[list[Row], list[Row], list[Row]]:
     curves = []
     breakdown = []
     audits = []
-    for key, group in groups(rows, "world", "method", "attacker", "case").items():
-        label: Row = dict(zip(("world", "method", "attacker", "case"), key, strict=True))
+    for label, group in labelled(rows, "world", "method", "attacker", "case"):
         for (share,), at_share in groups(group, "share").items():
             row: Row = {"share": share}
             for name in MEASURES:

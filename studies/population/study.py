@@ -4,7 +4,7 @@ Three dials: that of Eq 4.2 and that of caused effects, which never met their li
 the second one improved in fleets that it drives against itself.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.intersection.driving import DIAL, seeds_of_blocks, shipped_dials
 from socialiq_lab.intersection.training import first_dial, iteration_jobs
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 
 SHIPPED = {
@@ -47,9 +47,7 @@ class Meeting:
     invaders: int = 0  # 0: only fleets of one driver
 
 
-def meet(
-    config: Meeting, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
+def meet(config: Meeting, folder: Path, inputs: Inputs, _on_progress: ProgressCallback) -> None:
     """Drive fleets of a dial at each angle or of each rule, and invaders among them.
 
     Args:

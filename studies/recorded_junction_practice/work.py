@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Memoryless, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
-from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, callbacks_of
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.config import WorldConfig
@@ -121,9 +120,7 @@ def slug(mixture: str) -> str:
     return mixture.replace(",", "").replace(" ", "-")
 
 
-def make_world(
-    config: Made, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
+def make_world(config: Made, folder: Path, _inputs: Inputs, _on_progress: ProgressCallback) -> None:
     """Make the world and the recorded drivers' demonstrations.
 
     Args:
@@ -137,9 +134,7 @@ def make_world(
     tables.save(folder / HUMAN, replay(built.world, config.every).table, replace=True)
 
 
-def train(
-    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def train(config: Training, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Train a dial and a clone for each seed; the clone is the dial's behaviour policy.
 
     Args:
@@ -177,9 +172,7 @@ def train(
         clone.save(folder / f"clone_{seed}.safetensors")
 
 
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
+def drive(config: Driving, folder: Path, inputs: Inputs, _on_progress: ProgressCallback) -> None:
     """Drive the dials and clones of a mixture, or else calibrated and planted drivers.
 
     Args:

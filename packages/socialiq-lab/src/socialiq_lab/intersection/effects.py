@@ -1,6 +1,6 @@
 """What drivers cause: the job that drives them on common episodes, and rows over seeds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import make
 from socialiq_lab.intersection.driving import DIAL
-from socialiq_lab.jobs import ProgressCallback
+from socialiq_lab.jobs import Inputs, ProgressCallback
 from socialiq_lab.tables import over_seeds
 
 MEASURES = "measures.npy"
@@ -40,7 +40,7 @@ class EffectsRun:
 
 
 def measure_effects(
-    config: EffectsRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: EffectsRun, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Drive every driver with every shield, and write the measures of its episodes.
 

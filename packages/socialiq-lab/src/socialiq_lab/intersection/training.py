@@ -6,7 +6,7 @@ which its fingerprint is made (`socialiq_lab.jobs`).
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -39,7 +39,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.comparison import nearest_mode, of_modes
 from socialiq_lab.intersection.driving import BEST, DIAL, LAST, mixture_of
-from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, callbacks_of
 from socialiq_lab.study import Context
 
 CHECKPOINT = "checkpoint.safetensors"
@@ -104,7 +104,7 @@ class ExpertRun:
 
 
 def train_expert(
-    config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: ExpertRun, folder: Path, _inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write the last network of an expert, the best by checks, and the learning curve.
 
@@ -149,7 +149,7 @@ class LearnerRun:
 
 
 def train_learner(
-    config: LearnerRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: LearnerRun, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write the last network of a learner and its learning curve.
 
@@ -198,7 +198,7 @@ class DialRun:
 
 
 def train_dial(
-    config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: DialRun, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write a dial and its learning curve, the mean of J(α) over the angles of a check.
 
@@ -298,7 +298,7 @@ def first_dial(config: Any, context: Context) -> dict[str, bytes]:
 def train_dial_by_iteration(
     config: DialIterationRun,
     folder: Path,
-    inputs: Mapping[str, Path],
+    inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Improve the dial of the input; write it and its learning curve, the mean of J(α) over angles.
@@ -374,7 +374,7 @@ def run_file(seed: int, angle: float | None = None) -> str:
 
 
 def train_runs(
-    config: MixtureRuns, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: MixtureRuns, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Train all runs and write their policies (`run_file`).
 
