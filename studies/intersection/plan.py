@@ -71,17 +71,15 @@ def jobs(config: Any) -> list[Job]:
     for name in NAMES:
         run = Driving(driver=name, episodes=episodes)
         planned.append(Job(f"evaluation/drivers/{name}", driving.drive, run, cost=3.0))
-    for name, job in members(config).items():  # in traffic with connected lanes
-        options = Options(connected_lanes=True)
-        run = Driving(driver=policy_file(job), episodes=episodes, options=options)
+    for name, job in members(config).items():
+        driver = policy_file(job)
+        options = Options(connected_lanes=True)  # of the traffic
+        run = Driving(driver=driver, episodes=episodes, options=options)
         planned.append(Job(f"connected/{name}", driving.drive, run, (job,), cost=3.0))
-    for name, job in members(config).items() if config.highway_episodes else ():
-        run = Driving(
-            driver=policy_file(job),
-            episodes=config.highway_episodes,
-            first_seed=driving.FIRST_HIGHWAY_EPISODE,
-        )
-        planned.append(Job(f"highway/{name}", driving.drive_highway, run, (job,), cost=100.0))
+        if config.highway_episodes:
+            first = driving.FIRST_HIGHWAY_EPISODE
+            run = Driving(driver=driver, episodes=config.highway_episodes, first_seed=first)
+            planned.append(Job(f"highway/{name}", driving.drive_highway, run, (job,), cost=100.0))
     return planned
 
 
