@@ -27,6 +27,7 @@ from socialiq.learners.continuous import config as actors
 from socialiq.learners.continuous.train import train
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
+from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq.worlds.gym import learning_env
 from socialiq.worlds.intersection.options import Options
@@ -36,6 +37,7 @@ from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.intersection.thesis_values import METRICS
 from socialiq_lab.intersection.training import fit
 from socialiq_lab.jobs import Inputs, Job, ProgressCallback
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import (
     groups,
@@ -49,27 +51,18 @@ from socialiq_lab.tables import (
 )
 
 EXPERTS = "experts/sac"
-LEARNERS = "learners/targets"
-BASELINE = "learners/baseline"
-LONGER = "learners/longer"
-CLONES = "offline/cloning"
-WEIGHTED = "offline/weighted-cloning"
-TD3_BC = "offline/td3-bc"
-POLICIES = {
-    EXPERTS: ("expert", True),
-    LEARNERS: ("", True),
-    BASELINE: ("baseline", False),
-    LONGER: ("longer IQ-Learn", True),
-    CLONES: ("cloning", False),
-    WEIGHTED: ("weighted cloning", True),
-    TD3_BC: ("TD3+BC", True),
-}
-"""Jobs of experts and of what learns from a mixture: the beginning of a policy's name in the
-tables, and whether there is a run for every angle."""
 CONTINUOUS = "dials/continuous"
 HIGH_ANGLES = "dials/high-angles"
 DISCRETE = "dials/discrete"
-KINDS = CONTINUOUS, HIGH_ANGLES, DISCRETE
+PROGRAMS: dict[str, Any] = declaration("intersection-continuous")["program"]
+POLICIES = {
+    name: (program["name"], program["angles"])
+    for name, program in PROGRAMS.items()
+    if "name" in program
+}
+"""Jobs of experts and of what learns from a mixture: the beginning of a policy's name in the
+tables, and whether there is a run for every angle."""
+KINDS = tuple(name for name in PROGRAMS if name not in POLICIES)
 """Jobs that train dials."""
 
 
@@ -102,24 +95,11 @@ def run_file(angle: float, seed: int) -> str:
 
 def jobs(config: Any) -> list[Job]:
     """Return every job, each after its inputs."""
-    weighted = dataclasses.replace(config.clone, weighted=True)
-    baseline = dataclasses.replace(config.learner, prior="none", chi2_on="expert")
-    undemonstrated = dataclasses.replace(config.discrete, demonstrations=False)
-    programs = {
-        EXPERTS: (config.expert, config.numbers),
-        LEARNERS: (config.learner, config.learner_numbers),
-        BASELINE: (baseline, config.learner_numbers),
-        LONGER: (config.longer, config.longer_numbers),
-        CLONES: (config.clone, config.clone_numbers),
-        WEIGHTED: (weighted, config.clone_numbers),
-        TD3_BC: (config.td3_bc, config.td3_bc_numbers),
-        CONTINUOUS: (dataclasses.replace(config.continuous, dial=True), config.numbers),
-        HIGH_ANGLES: (dataclasses.replace(config.high_angles, dial=True), config.numbers),
-        DISCRETE: (undemonstrated, config.discrete_numbers),
-    }
     recording = driving.Recording(episodes=config.pool_episodes, options=config.options)
     planned: list[Job] = []
-    for name, (structure, base) in programs.items():
+    for name, program in PROGRAMS.items():
+        structure = changed(getattr(config, program["structure"]), program.get("static", {}))
+        base = getattr(config, program["numbers"])
         options = config.discrete_options if name == DISCRETE else config.options
         if name in KINDS:
             numbers = [dataclasses.replace(base, seed=seed) for seed in config.seeds]

@@ -45,9 +45,9 @@ the true future, which makes no policy, and the ablations."""
 _AHEAD: dict[str, driving.Ahead] = {PLANNED: "planned", FORESIGHT: "lookahead"}
 
 _COMPARED = (
-    (DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED), (ITERATED, TIMED),
-    (PLANNED, ITERATED), *((SHORT, ablation) for ablation in ABLATIONS if ablation != SHORT),
-)  # fmt: skip
+    *declaration("intersection-dial")["compared"],
+    *((SHORT, ablation) for ablation in ABLATIONS if ablation != SHORT),
+)
 """Pairs of families whose differences are tested, by training seed."""
 
 

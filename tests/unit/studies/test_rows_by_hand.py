@@ -288,11 +288,11 @@ def test_every_program_of_continuous_actions_is_driven_and_learners_have_mixture
     assert all(f"evaluation/{name}" in jobs for name in trained)
     experts = jobs[continuous.EXPERTS].config.numbers
     assert [(run.angle, run.seed) for run in experts] == [(0.0, 78), (45.0, 78), (90.0, 78)]
-    baseline = jobs[continuous.BASELINE].config
+    baseline = jobs["learners/baseline"].config
     assert [(run.angle, run.seed) for run in baseline.numbers] == [(0.0, 2), (0.0, 3)]
     assert baseline.structure.prior == "none"
-    assert jobs[continuous.WEIGHTED].config.structure.weighted
-    assert not jobs[continuous.CLONES].config.structure.weighted
+    assert jobs["offline/weighted-cloning"].config.structure.weighted
+    assert not jobs["offline/cloning"].config.structure.weighted
     assert jobs[continuous.DISCRETE].config.structure.demonstrations is False
     dial = jobs[f"evaluation/{continuous.CONTINUOUS}"].config
     assert dial.angles == (0.0, 90.0) and dial.first_seed == config.first_episode
