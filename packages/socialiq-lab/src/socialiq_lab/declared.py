@@ -286,10 +286,10 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
             if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "data":
                 value = {**below, **value}
             variant[key] = value
-        for values in _product(resolved(variant.pop("each", {}), config)):
+        for values in product_of(resolved(variant.pop("each", {}), config)):
             bound = SimpleNamespace(**dataclasses.asdict(config) | values)
             result = resolved(variant, bound)
-            result["runs"] = _product(result.get("runs", {}))
+            result["runs"] = product_of(result.get("runs", {}))
             for run, (name, of) in itertools.product(
                 result["runs"], result.get("reciprocal", {}).items()
             ):
@@ -302,8 +302,15 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
     return expanded
 
 
-def _product(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return every combination, the last name varying fastest; "modes" are the experts' angles."""
+def product_of(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return every combination of the columns' values, the last column varying fastest.
+
+    Args:
+        columns: List of values by column; "modes" stands for the experts' angles.
+
+    Raises:
+        UserError: If a column is no list.
+    """
     from socialiq.evaluation.rollout import MODES
 
     lists = [list(MODES.values()) if values == "modes" else values for values in columns.values()]
