@@ -43,33 +43,12 @@ DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
 """Hyperparameters that a dial has in common with the other rows."""
 
 
-def prior(name: str, target_kind: str = "instantaneous", **fixed: Any) -> Learner:
-    """Return IQ-Learn with the social score at a point of the objective, and its target.
-
-    Args:
-        name: Point of the objective at which the social score enters.
-        target_kind: Kind of returns that the score is computed from.
-        **fixed: Further settings that make the method.
-    """
-    return iq_learn(prior=name, target_kind=target_kind, **fixed)
-
-
 LEARNERS: Mapping[str, Learner] = {
-    "none": prior("none"),
-    **{
-        name: prior("reward", name)
-        for name in ("running", "to_go", "trajectory", "instantaneous", "advantage")
-    },
-    "shifted_chi2": prior("shifted_chi2"),
-    "bellman_shift": prior("bellman_shift", "running"),
-    "bellman_shift_1_3": prior("bellman_shift", "running", shift_term_3=True),
-    "reweighting": prior("reweighting", "running"),
+    "iq_learn": iq_learn(),
     "dial": comparison_runs.dialled(
         dial.DialConfig(), dial.DialHyperparameters(final_rate=1.0), *DIAL_RATES
     ),
     "clone": offline(bc.BehaviourCloning),
-    "clone_of_mode": offline(bc.BehaviourCloning),
-    "clone_weighted": offline(bc.BehaviourCloning, weighted=True),
     "cql": offline(ConservativeQ),
     "rl": comparison_runs.reinforcement,
 }
@@ -79,7 +58,7 @@ OWN_SCALES: Mapping[str, tuple[str, ...]] = {
     "dial": ("strength",),
     "cql": ("strength",),
     "rl": (),
-    **dict.fromkeys(("clone", "clone_of_mode", "clone_weighted"), ("reweight_temperature",)),
+    "clone": ("reweight_temperature",),
 }
 """Settings that are λ, or 1/λ, of learners other than IQ-Learn, which has both."""
 
@@ -180,7 +159,7 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
     """
     data = arena.datasets[run.dataset]
     temperature = 1 / dict(run.setting)["strength"]
-    match method.learner:
+    match method.name:
         case "rl":
             return 0.0
         case "clone_of_mode":

@@ -41,21 +41,16 @@ PLACES = {GRID: Grid, ROAD: Road}
 CASES = ("honest", "forged", "recomputed")
 OFFLINE = dial.PRESETS["offline"]
 
-_SHIFTED: dict[str, Any] = {"prior": "shifted_chi2", "target_kind": "instantaneous"}
 LEARNERS: Mapping[str, Learner] = {
-    "iq_learn": iq_learn(prior="none"),
-    "thesis": iq_learn(prior="reward", target_kind="running"),
-    "shifted_chi2": iq_learn(**_SHIFTED),
-    "trimmed": iq_learn(**_SHIFTED),
-    "medians": iq_learn(robust.MediansOfMeans, **_SHIFTED),
+    "iq_learn": iq_learn(),
+    "medians": iq_learn(robust.MediansOfMeans),
     "dial_offline": comparison_runs.dialled(
         dataclasses.replace(OFFLINE.structure, redraw_times=0), OFFLINE.numbers, "discount"
     ),
     "clone": offline(bc.BehaviourCloning),
-    "clone_weighted": offline(bc.BehaviourCloning, weighted=True),
     "clone_of_best": best_episodes_cloned,
-    "ciql": iq_learn(robust.ConfidenceWeighted, prior="none"),
-    "ril_co": iq_learn(robust.CoPseudoLabelling, prior="none"),
+    "ciql": iq_learn(robust.ConfidenceWeighted),
+    "ril_co": iq_learn(robust.CoPseudoLabelling),
     "ileed": offline(robust.ExpertiseEstimating),
 }
 """By the `learner` of a method in STUDY.toml."""
@@ -108,7 +103,8 @@ def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[
             for number, poison in enumerate(sets)
         ]
         rows: dict[tuple[Poison, float], Row] = {}
-        trained = list(zip(runs, LEARNERS[name](arena, runs), strict=True))
+        policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
+        trained = list(zip(runs, policies, strict=True))
         for run, policy in tracked(trained, context.on_stage, f"{name}, audits", "policies"):
             for angle in served[run.angle]:
                 turned = policy.at(angle) if hasattr(policy, "at") else policy

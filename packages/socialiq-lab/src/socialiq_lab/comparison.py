@@ -1,5 +1,6 @@
 """Comparisons: methods, their settings chosen on development seeds and judged on others, tables."""
 
+import dataclasses
 import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -50,6 +51,7 @@ class Method:
         worlds: Where it runs.
         soft: Whether its stochastic policy means something.
         peer: Library whose learner it is, run in a separate environment.
+        fixed: Settings of the learner that make the method.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Method:
     worlds: tuple[str, ...] = WORLDS
     soft: bool = True
     peer: str = ""
+    fixed: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def readouts(self) -> tuple[exact.Readout, ...]:

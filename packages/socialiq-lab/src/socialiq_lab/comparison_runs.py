@@ -240,8 +240,9 @@ def shared_values(kind: type, source: Any) -> dict[str, Any]:
     return {name: getattr(source, name) for name in _names(kind) & _names(type(source))}
 
 
-Learner = Callable[[Arena, Sequence[Run]], list[Any]]
-"""Trains a policy for each run; one with `at` has a policy for each angle."""
+Learner = Callable[..., list[Any]]
+"""Trains a policy for each run, given an arena, the runs, and settings that make the method by
+their names; a policy with `at` has one for each angle."""
 
 
 def trained(learner: Learner, arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
@@ -257,7 +258,8 @@ def trained(learner: Learner, arena: Arena, method: Method, runs: Sequence[Run])
     Returns:
         A policy for each run.
     """
-    return learner(*arena.of_each_mode(runs)) if method.of_mode else learner(arena, runs)
+    inputs = arena.of_each_mode(runs) if method.of_mode else (arena, runs)
+    return learner(*inputs, **method.fixed)
 
 
 def in_programs(
@@ -281,16 +283,15 @@ def in_programs(
     return [policies[run] for run in range(len(settings))]
 
 
-def offline(learner: Any, **fixed: Any) -> Learner:
+def offline(learner: Any) -> Learner:
     """Return a function that trains a class of learners from demonstrations alone.
 
     Args:
-        learner: The class.
-        **fixed: Settings that make the method. The value "advantage" stands for the arena's kind of
-            advantage.
+        learner: The class. Among the settings that make the method the value "advantage" stands for
+            the arena's kind of advantage.
     """
 
-    def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+    def train(arena: Arena, runs: Sequence[Run], **fixed: Any) -> list[Any]:
         kinds = learner.StaticConfig, learner.Hyperparameters
         changes = {
             name: arena.advantage if value == "advantage" else value
@@ -341,19 +342,18 @@ def best_episodes_cloned(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     return offline(BehaviourCloning)(dataclasses.replace(arena, datasets=datasets), of_best)
 
 
-def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
+def iq_learn(learner: Any = None, acts: bool = True) -> Learner:
     """Return a function that trains IQ-Learn, or a class of learners derived from it.
 
     Args:
         learner: The derived class; None for IQ-Learn.
         acts: Whether it acts in the world.
-        **fixed: Settings that make the method.
 
     Returns:
         A learner of comparisons.
     """
 
-    def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+    def train(arena: Arena, runs: Sequence[Run], **fixed: Any) -> list[Any]:
         world = arena.world if acts else None
 
         def program(static: Any, numbers: list[Any]) -> Any:
