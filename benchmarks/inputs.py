@@ -32,9 +32,10 @@ from socialiq.storage import packaged_results
 from socialiq.worlds.highway.ego import POSITION_RANGE, SPEED_RANGE
 from socialiq.worlds.highway.perception import EXITS
 from socialiq.worlds.intersection.world import Intersection
-from studies.compare_shifts.study import OWN, TRAINING
+from studies.compare_shifts.study import OWN
 
 DIAL = "compare-shifts/randomised-200.safetensors"
+TRAINING = find("compare-shifts").Config().training
 BATCH, STEPS, HELD_OUT = 96, 25, 5
 ROUND = BATCH * STEPS * len(TRAINING)  # states
 KINDS = {

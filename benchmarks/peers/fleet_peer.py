@@ -34,10 +34,11 @@ from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.worlds.parallel import RoadParallelEnv
 from socialiq.worlds.registry import make_fleet
-from studies.population.study import Config
+from socialiq_lab.intersection.driving import seeds_of_blocks
+from socialiq_lab.registry import find
 
 ANGLES, SEED, EPISODES = (0.0, 45.0, 75.0), 0, 8
-STUDY = Config()
+STUDY = find("population").Config()
 LABELS = (STUDY.updates + CHUNK) * STUDY.states_per_update
 """States that self-play labels: of its updates, and of one round more before the first."""
 
@@ -77,7 +78,7 @@ def train(angle: float, steps: int, path: Path) -> None:
 
 def main(out: str, *counts: str) -> None:
     """Train and drive each angle for each number of steps; write a row for each and density."""
-    table, seeds = [], STUDY.episode_seeds
+    table, seeds = [], seeds_of_blocks(STUDY.blocks, STUDY.episodes)
     everybody = np.zeros((len(seeds), STUDY.agents), np.int64)
     for steps in map(int, counts or (LABELS,)):
         for angle in ANGLES:

@@ -4,7 +4,6 @@ An audit is drawn from a pool of episodes that every driver has driven. Its test
 `audit.verdict.decide`, of many audits at once.
 """
 
-import datetime
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,48 +12,31 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from scipy.stats import binom
 
-from socialiq import Margin, declare
 from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Outcomes, Reference, events_of
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.profile.template import USUAL, floor_at, possible_loss
+from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.request import SHIPPED_DIAL
 from socialiq.audit.verdict.direction import TOLERANCE, Driver, driver_of, drivers_of, ends_of
 from socialiq.evaluation.episodes import KINDS, episodes_of
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.statistics import betting, intervals
 from socialiq.storage import packaged_results
 from socialiq.types import Policy, Row
 from socialiq.worlds.registry import make
+from socialiq_lab.audit_arena import course_of, default_declaration
 from socialiq_lab.comparison import GRIDWORLDS
 from socialiq_lab.intersection.driving import Deciding
 from socialiq_lab.study import Context, Findings, StageCallback, tracked
 from studies.audit_angles import drivers
 
 ERROR = 0.05
-DAY = datetime.date(2026, 11, 26)
 COMPARED = 4
 """References that an audit compares, of those with the largest rewards in the pool: the bounds of
 the others are lower. In a gridworld it is the exact optimum alone."""
 TESTS = ("regret", "direction", "floor", "character")
 Shares = Bool[np.ndarray, "share episode"]
-
-
-@functools.cache
-def declaration(world: str, angle: float) -> Profile:
-    """Return the default declaration of an angle.
-
-    Args:
-        world: Name of the world.
-        angle: Declared angle in degrees.
-    """
-    usual = USUAL[world]
-    floor = floor_at(angle)
-    loss = None if usual.clip else possible_loss(make(world), angle)
-    margin = Margin(usual.margin, None, loss, usual.width, usual.beyond)
-    return declare(angle, "a study", world, margin, DAY, competence=floor, clip=usual.clip)
 
 
 def most_events(limit: float, episodes: int) -> int:
@@ -96,7 +78,7 @@ class Audits(NamedTuple):
             declared: Declared angle in degrees.
             pool: Drivers on the pool by name; those marked `reference` are compared.
         """
-        profile = declaration(world, declared)
+        profile = default_declaration(world, declared)
         built = make(world)
         rows = [row.outcomes for row in pool.values() if row.reference]
         clip = profile.clip
@@ -349,12 +331,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
     Returns:
         Tables `power`, `worst` and `fitted`, and the summary.
     """
-    check_counts(config, ("pool", "audits", "fitting"))
-    drawn = (config.pool_seed, config.pool), (config.fitting_seed, config.fitting)
-    course, fitting = (
-        Course(make(drivers.WORLD), np.random.default_rng(seed).integers(2**62, size=size))
-        for seed, size in drawn
-    )
+    world = make(drivers.WORLD)
+    course = course_of(world, config.pool, config.pool_seed)
+    fitting = course_of(world, config.fitting, config.fitting_seed)
     on_stage = context.on_stage
     pools = {world: drivers.drive_optima(world, course.seeds) for world in GRIDWORLDS}
     pools[drivers.WORLD] = drivers.drive(course, on_stage)

@@ -4,7 +4,6 @@ Every policy is beyond the margin or on it: every pass is wrong. A try is an aud
 """
 
 import hashlib
-from collections.abc import Mapping
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -14,6 +13,7 @@ from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce
 from socialiq.audit.verdict import regret, verdict
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import StageCallback, silent, tracked
 from studies.audit_power.power import ERROR, FLOOR, MARGIN, Truth, draw_evidence, share
 
@@ -21,10 +21,8 @@ TRIES = 20
 COUNTED = (1, 2, 5, 10, TRIES)
 """Numbers of tries after which the owners that have passed are counted."""
 
-POLICIES: Mapping[str, Truth] = {
-    "on the margin": Truth(regret=MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
-    "half beyond the margin": Truth(regret=1.5 * MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
-}
+_DECLARED = declaration("audit-power")
+POLICIES = {name: Truth(**values) for name, values in _DECLARED["owner"].items()}
 
 Varied = Literal["rerun", "seed", "byte, announced seed", "byte, nonce"]
 
@@ -49,15 +47,7 @@ class Way(NamedTuple):
         return spend(ERROR, 1 if self.at_home else number) if self.log else ERROR
 
 
-WAYS: Mapping[str, Way] = {
-    "rerun, no log": Way("rerun", log=False),
-    "rerun, log": Way("rerun", log=True),
-    "owner's seeds, no log": Way("seed", log=False),
-    "owner's seeds, log": Way("seed", log=True),
-    "free byte, announced seed, no log": Way("byte, announced seed", log=False, at_home=True),
-    "free byte, announced seed, log": Way("byte, announced seed", log=True, at_home=True),
-    "free byte, nonce, log": Way("byte, nonce", log=True),
-}
+WAYS = {name: Way(**values) for name, values in _DECLARED["way"].items()}
 
 
 def grinding_rows(

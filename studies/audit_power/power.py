@@ -1,6 +1,5 @@
 """Simulated drivers of known true values: coverage of intervals, error rates of verdicts."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from socialiq.social.angle import angle_of, exact_weights
 from socialiq.statistics import hotelling, intervals
 from socialiq.types import Row
 from socialiq.worlds.highway.options import Contact
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import StageCallback, silent, tracked
 
 ANGLES = np.array([0.0, 30.0, 60.0, 90.0])  # target angles of the references in degrees
@@ -146,37 +146,12 @@ ERROR = 0.05
 MARGIN = 0.25
 FLOOR = Floor(max_at_fault=0.08, max_struck=0.08, min_arrival=0.8, max_timeout=0.08)
 
-CASES: Mapping[str, Truth] = {
-    "well within": Truth(regret=0.0, at_fault=0.03, struck=0.03, arrival=0.91),
-    "regret at the margin": Truth(regret=MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
-    "regret well above": Truth(regret=2 * MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
-    "at fault as often as allowed": Truth(regret=0.0, at_fault=0.08, struck=0.03, arrival=0.86),
-    "at fault twice as often": Truth(regret=0.0, at_fault=0.16, struck=0.0, arrival=0.82),
-    "arrives as seldom as allowed": Truth(regret=0.0, at_fault=0.07, struck=0.07, arrival=0.8),
-    "regret and floor at their limits": Truth(
-        regret=MARGIN, at_fault=0.08, struck=0.04, arrival=0.8
-    ),
-}
+_DECLARED = declaration("audit-power")
+CASES = {name: Truth(**values) for name, values in _DECLARED["case"].items()}
 """True values of the audited policies by case, for `MARGIN` and `FLOOR`."""
 
-NOMINAL = {
-    "regret, upper bound": (1 - ERROR, True),
-    "regret, lower bound": (1 - ERROR / 2, False),
-    "regret towards one reference, upper bound": (1 - ERROR, True),
-    "alpha_hat": (1 - ERROR, True),
-    "ellipse of the mean": (1 - ERROR, True),
-    "at fault, upper bound": (1 - ERROR, True),
-    "at fault, lower bound": (1 - ERROR / 8, True),
-    "struck, upper bound": (1 - ERROR, True),
-    "arrival, lower bound": (1 - ERROR, True),
-    "arrival, upper bound": (1 - ERROR / 8, True),
-    "timeout, upper bound": (1 - ERROR, True),
-}
-"""Nominal coverage of each interval, and whether it is exact.
-
-A bound of the largest of several means is conservative where several of them tie, and only has to
-reach its level.
-"""
+INTERVALS = _DECLARED["interval"]
+"""Nominal coverage of each interval, and whether it is exact."""
 
 
 def coverage_rows(
@@ -196,7 +171,7 @@ def coverage_rows(
         on_stage: Returns the progress callback of a stage.
 
     Returns:
-        A row for each of `NOMINAL`, with the share `covered` and its 99 % interval.
+        A row for each of `INTERVALS`, with the share `covered` and its 99 % interval.
     """
     truth = Truth()
     covered = list[dict[str, bool]]()
@@ -213,7 +188,7 @@ def coverage_rows(
         tests = bound_tests(evidence.policy, FLOOR.bounds, ERROR, ERROR / 2)
         floor = {test.name: test for test in tests}
         towards_first = float((truth.references[1] - truth.policy) @ along)
-        contained = (  # in the order of `NOMINAL`
+        contained = (  # in the order of `INTERVALS`
             truth.regret <= regret.high,
             truth.regret >= regret.low,
             towards_first <= regret.references[1].high,
@@ -226,12 +201,12 @@ def coverage_rows(
             truth.arrival <= floor["arrival"].high,
             truth.timeout <= floor["timeout"].high,
         )
-        covered.append(dict(zip(NOMINAL, contained, strict=True)))
+        covered.append(dict(zip(INTERVALS, contained, strict=True)))
     return [
-        {"interval": name, "nominal": nominal}
+        {"interval": name, "nominal": interval["nominal"]}
         | share("covered", sum(audit[name] for audit in covered), replications)
-        | {"exact": int(exact)}
-        for name, (nominal, exact) in NOMINAL.items()
+        | {"exact": int(interval["exact"])}
+        for name, interval in INTERVALS.items()
     ]
 
 

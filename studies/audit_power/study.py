@@ -3,7 +3,6 @@
 from typing import Any
 
 from socialiq.audit.seeds import check_episodes
-from socialiq.learners.settings import check_counts
 from socialiq_lab.study import Context, Findings
 from studies.audit_power import grinding, heavy_tails, power
 
@@ -33,7 +32,6 @@ def compute_tables(config: Any, context: Context) -> Findings:
         UserError: If there are too few episodes, or a count is below 1.
     """
     check_episodes(config.episodes)
-    check_counts(config, ("replications", "resamples", "owners"))
     episodes = config.episodes
     number = config.replications
     seed = config.first_seed

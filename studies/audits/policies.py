@@ -1,7 +1,7 @@
 """Audited policies: truthfully and falsely declared ones, and their safety floors."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,13 +11,12 @@ from socialiq import QPolicy, make
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR, floor_at
 from socialiq.evaluation import exact, rollout
-from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
-from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import config as presets
 from socialiq.policies.drivers import ATLAS
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
-from socialiq_lab.gridworld_runs import grid_of, train_runs
+from socialiq_lab.gridworld_runs import grid_of, train_dials, train_runs
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import StageCallback
 
 GRIDWORLD = "crossing7"
@@ -43,24 +42,20 @@ class AuditedPolicy(NamedTuple):
         return self.made_for == self.declared
 
 
+def _declared(
+    world: str, spec_of: Callable[[str], str], dial_angles: Sequence[float] = ()
+) -> Iterator[AuditedPolicy]:
+    """Yield the policies of a world that STUDY.toml declares, a dial at each of its angles."""
+    for row in declaration("audits")["audited"][world]:
+        for angle in [row["declared"]] if "declared" in row else dial_angles:
+            made_for = row.get("made_for") if "declared" in row else angle
+            spec = spec_of(row["file"])
+            yield AuditedPolicy(world, row["name"], spec, angle, made_for, floor_at(angle))
+
+
 def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
     """Yield the atlas' policies at their own angles and at others, and one that never moves."""
-    families = {"set expert": "set_", "expert": "expert_", "learner": ""}
-    cells: list[tuple[str, str, float, float | None]] = [
-        (f"{family}, {mode}", f"{prefix}{mode}", angle, angle)
-        for family, prefix in families.items()
-        for mode, angle in rollout.MODES.items()
-    ]
-    cells += [
-        ("learner without a prior", "baseline", 45.0, None),
-        ("set expert, egoistic", "set_egoistic", 45.0, 0.0),
-        ("expert, egoistic", "expert_egoistic", 45.0, 0.0),
-        ("set expert, prosocial", "set_prosocial", 90.0, 45.0),
-    ]
-    for name, file, declared, made_for in cells:
-        floor = floor_at(declared)
-        spec = f"{ATLAS}{file}"
-        yield AuditedPolicy("intersection", name, spec, declared, made_for, floor)
+    yield from _declared("intersection", lambda file: f"{ATLAS}{file}")
     world = make("intersection")  # the same bytes everywhere: a network that always takes action 0
     bias = np.eye(world.n_actions, dtype=np.float32)[0]
     weight = np.zeros((world.n_actions, world.n_features), np.float32)
@@ -101,14 +96,10 @@ def trained_in_gridworld(
     plain = presets.baseline(steered)
     baseline = train_runs(ground, plain, alone, data, on_stage("7x7 baseline"))
     baseline.policy(0).save(folder / "baseline.safetensors")
-    static, dial_numbers, clock, _ = RUNS["online"]
-    clocked = ground.with_clock(clock)
-    world = clocked.table.world
-    data = rollout.trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
-    static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates[1])
-    run = dataclasses.replace(dial_numbers, seed=seed)
-    callbacks = Callbacks(on_report=on_stage("7x7 dial"))
-    dial = train(static, [run], data, world, callbacks=callbacks).policy(0)
+    clocked = ground.with_clock(RUNS["online"].clock).table
+    data = rollout.trajectory_datasets(clocked, [seed], _EPISODES_EACH)
+    inputs = clocked.world, [seed], data, updates[1], on_stage("7x7 dial")
+    dial = train_dials(RUNS["online"], *inputs).policy(0)
     dial.save(folder / "dial.safetensors")
     dial.at(0.0).save(folder / "dial_stuck.safetensors")
 
@@ -120,21 +111,4 @@ def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[Audit
         folder: Folder of the files of `exact_in_gridworld` and `trained_in_gridworld`.
         dial_angles: Angles in degrees at which the dial is declared.
     """
-    names = {"exact": "exact expert", "learner": "learner"}
-    cells: list[tuple[str, str, float, float | None]] = [
-        (f"{name}, {mode}", f"{family}_{mode}", angle, angle)
-        for family, name in names.items()
-        for mode, angle in rollout.MODES.items()
-    ]
-    cells.append(("learner without a prior", "baseline", 45.0, None))
-    cells += [("dial", "dial", angle, angle) for angle in dial_angles]
-    cells += [
-        ("exact expert, egoistic", "exact_egoistic", 45.0, 0.0),
-        ("exact expert, altruistic", "exact_altruistic", 45.0, 90.0),
-        ("learner, egoistic", "learner_egoistic", 45.0, 0.0),
-        ("dial stuck at 0°", "dial_stuck", 60.0, 0.0),
-    ]
-    for name, file, declared, made_for in cells:
-        spec = str(folder / f"{file}.safetensors")
-        floor = floor_at(declared)
-        yield AuditedPolicy(GRIDWORLD, name, spec, declared, made_for, floor)
+    yield from _declared(GRIDWORLD, lambda file: str(folder / f"{file}.safetensors"), dial_angles)

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from socialiq import Margin, RewardPair, declare, score
+from socialiq import Margin, RewardPair, score
 from socialiq.audit.conduct import conduct
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.profile.template import USUAL, floor_at
+from socialiq.audit.profile.template import floor_at
 from socialiq.audit.report.views import arcs
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import check_episodes
@@ -25,10 +25,15 @@ from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights
 from socialiq.statistics.intervals import clopper_pearson, episodes_needed
 from socialiq.types import Row
+from socialiq_lab.audit_arena import default_declaration
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
 from socialiq_lab.tables import column, matching
 from studies.audits import policies as audited
+
+REPORT = declaration("audits")["report"]
+"""Place of each column in the report of an audit."""
 
 SEEDS = 5
 """Number of seeds of Table 6.2's spread. Their numbers of episodes are not printed."""
@@ -218,55 +223,41 @@ def audit_rows(
     rows = []
     profile = folder / "profile.toml"
     for policy in tracked(policies, on_stage, f"audits, {policies[0].world}", "audits"):
-        usual = USUAL[policy.world]
-        floor = policy.floor
-        margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
-        who = "the study of audits", policy.world
-        declared = declare(policy.declared, *who, margin, DAY, competence=floor, clip=usual.clip)
+        declaration = policy.world, policy.declared, None, policy.floor
+        declared = default_declaration(*declaration, False, "the study of audits", DAY)
         # Without the template's comments, whose wording would otherwise determine the episodes.
         lines = [line for line in declared.source.splitlines() if line and line[:1] != b"#"]
         profile.write_bytes(b"\n".join(lines))
         request = Request(policy.spec, profile, episodes, seed)
         report = conduct(request, lambda _: None).report
         tests = report["tests"]
-        means = report["policy"]["means"]
-        decision = report["verdict"]
-        regret = tests["regret"]
-        angle = tests["alpha_hat"]
-        direction = tests["direction"]
+        decision = report["verdict"]["decision"]
         decisions = {name: tests[name]["decision"] for name in ("regret", "direction", "character")}
         decisions |= {test["name"]: test["decision"] for test in tests["competence"]}
         # The failed tests, or the open ones of an inconclusive verdict; none of a pass.
-        deciding = [name for name, result in decisions.items() if result == decision["decision"]]
+        deciding = [name for name, result in decisions.items() if result == decision]
+        computed = {
+            "decided_by": "" if decision == "pass" else ", ".join(deciding),
+            "min_arrival": policy.floor.min_arrival,
+            "explained": arcs(tests["rationalised"]["arcs"]),
+        }
         row = {
             "world": policy.world,
             "policy": policy.name,
             "made_for": policy.made_for,
             "declared": policy.declared,
             "truthful": int(policy.truthful),
-            "verdict": decision["decision"],
-            "decided_by": "" if decision["decision"] == "pass" else ", ".join(deciding),
-            "needed": decision["needed"] or "",
-            "regret": regret["regret"],
-            "regret_low": regret["low"],
-            "regret_high": regret["high"],
-            "margin": regret["margin"],
-            "regret_decision": regret["decision"],
-            "best": regret["best"],
-            **{name: means[name] for name in ("at_fault", "struck", "arrival", "timeout")},
-            "min_arrival": policy.floor.min_arrival,
-            "explained": arcs(tests["rationalised"]["arcs"]),
-            "alpha_hat": angle["angle"] if angle else "",
-            "alpha_low": angle["low"] if angle else "",
-            "alpha_high": angle["high"] if angle else "",
-            "direction_above": direction["above"],
-            "direction_below": direction["below"],
-            "direction": direction["decision"],
-            "character": tests["character"]["decision"],
-            "policy_sha256": report["hashes"]["policy"],
+            **{name: computed.get(name, _at(report, place)) for name, place in REPORT.items()},
         }
         rows.append({name: "" if value is None else value for name, value in row.items()})
     return rows
+
+
+def _at(report: Any, place: str) -> Any:
+    """Return the value at a dotted place of a report, None if one of its parts is missing."""
+    for key in place.split("."):
+        report = (report or {}).get(key)
+    return report
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:

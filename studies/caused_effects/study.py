@@ -4,47 +4,44 @@ Both are trained by policy iteration from the same dial. The social reward of th
 same episode without the ego shows that it caused; `evaluation.effects` measures both.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from socialiq.cli.drivers import driver_of
 from socialiq.errors import one_of
-from socialiq.evaluation.effects import COUNTS, expected_delay, measure
-from socialiq.evaluation.measures import Episodes
+from socialiq.evaluation.effects import COUNTS, expected_delay
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
-from socialiq.learners.settings import check_counts
-from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.types import RewardPair, Row
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.intersection.driving import (
-    DIAL,
-    Shipped,
     atlas_demonstrations,
-    copy_shipped,
     seeds_of_blocks,
+    shipped_dials,
+)
+from socialiq_lab.intersection.effects import (
+    EffectsRun,
+    effects_of,
+    effects_row,
+    measure_effects,
 )
 from socialiq_lab.intersection.training import (
     MixtureRuns,
-    iteration_runs,
-    train_dial_by_iteration,
+    first_dial,
+    iteration_jobs,
     train_runs,
 )
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import over_seeds
 
 CAUSED = "caused"
 EQ_4_2 = "eq_4_2"
@@ -62,103 +59,9 @@ MEASURES = MEANS + COUNTS
 _SHARES = ("gap_below_1_s", "collision", "arrival")
 _ERRORS = ("not_caused_of_charged", "missed_of_caused", "gained_of_credited", "lost_of_credited")
 SUMMARISED = ("r_env", "r_eq_4_2", "delay", "braking", *_SHARES, *_ERRORS)
-MEASURED = "measures.npy"
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Training seed 100 and episodes from 90,000,000 on were used in development.
-    """
-
-    seeds: tuple[int, ...] = (401, 402, 403, 404, 405)
-    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    updates: int = 6000
-    states_per_update: int = 32
-    episodes: int = 1000  # of each block
-    blocks: tuple[int, ...] = (96_000_000, 97_000_000, 98_000_000, 99_000_000)
-    """First seeds of the blocks of evaluation episodes."""
-    offline_seeds: tuple[int, ...] = (411, 412, 413, 414, 415)
-    """Training seeds of dials that learn from the experts' demonstrations alone."""
-    offline_updates: int = 5000
-    demonstrated: int = 3000  # episodes of each expert
-    size: int = 15_000  # transitions of each expert in a mixture
-    drivers: tuple[str, ...] = (
-        "expert_egoistic", "expert_prosocial", "expert_altruistic",
-        "egoistic", "prosocial", "altruistic", "baseline", "go", "wait", "gap_3s",
-    )  # fmt: skip
-    """Experts, learners and rules of the study intersection, which drive the same episodes."""
-    effects: EffectOptions = field(default_factory=EffectOptions)
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        trained = "updates", "states_per_update", "offline_updates"
-        check_counts(self, (*trained, "episodes", "demonstrated", "size"))
-
-    @property
-    def episode_seeds(self) -> tuple[int, ...]:
-        """Seed of each evaluation episode, of all blocks."""
-        return seeds_of_blocks(self.blocks, self.episodes)
-
-
-@dataclass(frozen=True)
-class Driving:
-    """Configuration of the episodes of one dial."""
-
-    angles: tuple[float, ...]
-    seeds: tuple[int, ...]
-    effects: EffectOptions
-
-
-@dataclass(frozen=True)
-class DrivingByName:
-    """Configuration of the episodes of a driver by name."""
-
-    driver: str
-    seeds: tuple[int, ...]
-    effects: EffectOptions
-
-
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Drive a dial at each angle; write the measures of its episodes.
-
-    Args:
-        config: Angles, seeds of the episodes, and options of the effects.
-        folder: Folder of the job; it gets an array (episode, measure) for each angle.
-        inputs: Folder of the job that makes the dial.
-    """
-    (trained,) = inputs.values()
-    dial = DialPolicy.load(next(trained.rglob(DIAL)))  # of an offline run below its seed
-    world = Intersection(Options(), config.effects)
-    for angle in config.angles:
-        np.save(
-            folder / f"{angle:g}.npy", measures_of(measure(world, dial.at(angle), config.seeds))
-        )
-
-
-def drive_by_name(
-    config: DrivingByName, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Drive a rule or a policy of the atlas; write the measures of its episodes.
-
-    Args:
-        config: Name of the driver, seeds of the episodes, and options of the effects.
-        folder: Folder of the job; it gets an array (episode, measure).
-    """
-    world = Intersection(Options(), config.effects)
-    policy = driver_of(config.driver, world).policy
-    np.save(folder / MEASURED, measures_of(measure(world, policy, config.seeds)))
-
-
-def measures_of(effects: Episodes) -> np.ndarray:
-    """Return `MEASURES` of each episode, (episode, measure)."""
-    return np.column_stack([effects[name] for name in MEASURES])
-
-
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs: train from the start and from demonstrations, drive every dial and driver.
 
     Raises:
@@ -166,11 +69,9 @@ def jobs(config: Config) -> list[Job]:
     """
     for name in config.drivers:
         one_of("driver", name, (*Intersection.drivers, *atlas.names()))
-    listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
-    for run in iteration_runs(config, first_rounds=4, times=2, effects=config.effects):
-        name = f"training/{run.numbers.seed}"
-        inputs = ("dials/start",)
-        listed.append(Job(name, train_dial_by_iteration, run, inputs, 600.0))
+    seeds = seeds_of_blocks(config.blocks, config.episodes)
+    listed = shipped_dials(SHIPPED)
+    listed += iteration_jobs(config, "dials/start", 4, 2, 600.0, effects=config.effects)
     demonstrations = atlas_demonstrations(config.demonstrated, config.effects)
     listed.append(demonstrations)
     offline_dial = OfflineDialConfig(updates=config.offline_updates)
@@ -183,23 +84,24 @@ def jobs(config: Config) -> list[Job]:
         )
         inputs = (demonstrations.name,)
         listed.append(Job(f"offline/{seed}", train_runs, mixture, inputs, 100.0))
-    driving = Driving(config.angles, config.episode_seeds, config.effects)
+    turns = tuple(f"@{angle:g}" for angle in config.angles)
+    driving = EffectsRun(turns, MEASURES, seeds, effects=config.effects)
     for name, inputs in _dials(config):
-        listed.append(Job(f"driving/{name}", drive, driving, (inputs,), 300.0))
+        listed.append(Job(f"driving/{name}", measure_effects, driving, (inputs,), 300.0))
     for name in config.drivers:
-        run = DrivingByName(name, config.episode_seeds, config.effects)
-        listed.append(Job(f"drivers/{name}", drive_by_name, run, (), 30.0))
+        run = replace(driving, drivers=(name,))
+        listed.append(Job(f"drivers/{name}", measure_effects, run, (), 30.0))
     return listed
 
 
-def _dials(config: Config) -> list[tuple[str, str]]:
+def _dials(config: Any) -> list[tuple[str, str]]:
     """Return the name of each dial that drives, and of the job that makes it."""
     trained = [(f"{CAUSED} {seed}", f"training/{seed}") for seed in config.seeds]
     trained += [(f"{OFFLINE} {seed}", f"offline/{seed}") for seed in config.offline_seeds]
     return [(EQ_4_2, f"dials/{EQ_4_2}"), *trained]
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Return each dial's measures at each angle, differences of both, and values at each angle.
 
     Args:
@@ -210,11 +112,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
         Tables `effects`, `differences`, `values` and `drivers`, the summary, and the first seed's
         dial.
     """
+    work = context.work
     driven = {
-        name: {
-            angle: np.load(context.work / "driving" / name / f"{angle:g}.npy")
-            for angle in config.angles
-        }
+        name: dict(zip(config.angles, effects_of(work / "driving" / name)[:, 0], strict=True))
         for name, _ in _dials(config)
     }
     trained = [driven[f"{CAUSED} {seed}"] for seed in config.seeds]
@@ -225,14 +125,16 @@ def compute_tables(config: Config, context: Context) -> Findings:
         for dial, runs in dials.items()
         for angle in config.angles
     ]
-    differences = [
-        {"angle": angle} | difference_row(trained, driven[EQ_4_2], angle, name)
-        for name in ("delay", "braking", *_SHARES)
-        for angle in config.angles
-    ]
+    differences: list[Row] = []
+    for name, angle in itertools.product(("delay", "braking", *_SHARES), config.angles):
+        column = MEASURES.index(name)
+        means = np.mean([run[angle][:, column] for run in trained], axis=0)
+        change = paired_difference(means, driven[EQ_4_2][angle][:, column])
+        row = {"angle": angle, "measure": name, "difference": change.mean}
+        differences.append(row | {"low": change.low, "high": change.high})
     values = [row for angle in config.angles for row in value_rows(trained, angle)]
     drivers = [
-        {"driver": name} | measured_row([np.load(context.work / "drivers" / name / MEASURED)])
+        {"driver": name} | measured_row(effects_of(work / "drivers" / name)[0])
         for name in config.drivers
     ]
     summary: dict[str, Any] = {dial: {} for dial in dials}
@@ -244,45 +146,19 @@ def compute_tables(config: Config, context: Context) -> Findings:
     }
     for row in drivers:
         summary[row["driver"]] = {name: row[name] for name in SUMMARISED}
-    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
     tables = {"effects": rows, "differences": differences, "values": values, "drivers": drivers}
-    return Findings(tables, summary, {DIAL: shipped})
+    return Findings(tables, summary, first_dial(config, context))
 
 
 def measured_row(runs: Sequence[np.ndarray]) -> Row:
     """Return means over training seeds, intervals over episodes, ranges over seeds, and shares."""
-    row: Row = {"seeds": len(runs), "episodes": len(runs[0])}
-    for column, name in enumerate(MEANS):
-        row |= over_seeds(name, [run[:, column] for run in runs])
+    row = effects_row(MEANS, runs)
     counts = np.sum([run[:, len(MEANS) :].sum(axis=0) for run in runs], axis=0)
     charged, not_caused, caused, missed, credited, gained, lost = counts.tolist()
     row["not_caused_of_charged"] = not_caused / max(charged, 1.0)
     row["missed_of_caused"] = missed / max(caused, 1.0)
     row["gained_of_credited"] = gained / max(credited, 1.0)
     return row | {"lost_of_credited": lost / max(credited, 1.0)}
-
-
-def difference_row(
-    trained: Sequence[Mapping[float, np.ndarray]],
-    reference: Mapping[float, np.ndarray],
-    angle: float,
-    name: str,
-) -> Row:
-    """Return the mean difference of the trained dials to another one, paired by episode.
-
-    Args:
-        trained: Measures (episode, measure) by angle of the dial of each training seed.
-        reference: The same of the dial that they are compared with.
-        angle: Angle in degrees.
-        name: Name of the measure, from `MEASURES`.
-
-    Returns:
-        Name of the measure, mean difference over seeds and episodes, and the ends of its interval.
-    """
-    column = MEASURES.index(name)
-    values = np.mean([run[angle][:, column] for run in trained], axis=0)
-    change = paired_difference(values, reference[angle][:, column])
-    return {"measure": name, "difference": change.mean, "low": change.low, "high": change.high}
 
 
 def value_rows(trained: Sequence[Mapping[float, np.ndarray]], angle: float) -> list[Row]:

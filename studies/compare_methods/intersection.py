@@ -5,27 +5,24 @@ is fast at. Episodes are driven by the compiled core, on as many processes as th
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from socialiq import QPolicy
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Metrics
-from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES
-from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.comparison_tables import ROWS, GridRuns
 from socialiq_lab.intersection import driving
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from studies.compare_methods.learners import LEARNERS
 
@@ -42,7 +39,6 @@ POLICIES = "policies.csv"
 """Files of a training job: updates per second; the file of the policy of each run and angle."""
 
 DEMONSTRATORS = "references/intersection"  # job that drives the demonstrators
-ENVIRONMENTS = 12  # intersections side by side in which a learner acts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,7 +117,7 @@ def jobs_of(
 def train_method(
     config: IntersectionRuns,
     folder: Path,
-    inputs: Mapping[str, Path],
+    inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Train every run; write their policies, which file serves which angle, and the speed.
@@ -134,23 +130,12 @@ def train_method(
     """
     method = METHODS[config.method]
     (recordings,) = inputs.values()
-    static = presets.INTERSECTION_CALIBRATED
-    steps = config.updates * static.env_steps_per_update
-    arena = comparison_runs.Arena(
-        dataclasses.replace(
-            static,
-            view="set",  # a network that sees vehicles as a set
-            hidden=config.hidden,
-            batch_size=config.batch_size,
-            replay_capacity=min(100_000, steps),
-        ),
-        dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3),
-        config.updates,
+    arena = comparison_runs.intersection_arena(
         [driving.mixture_of(recordings, driving.SIZE, seed) for seed in config.seeds],
-        None,
-        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // comparison_runs.Arena.chunk)),
+        config.updates,
         lambda report: on_progress(0.9 * report.done / report.total),
-        advantage="advantage_fitted",
+        config.hidden,
+        config.batch_size,
     )
     served = method.served(config.angles)
     runs = comparison_runs.runs_of(config.settings, served, config.seeds)
@@ -170,9 +155,7 @@ def train_method(
     on_progress(1.0)
 
 
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Drive each policy once, and write a row for each angle.
 
     Args:
@@ -212,7 +195,7 @@ def _driven(config: driving.EpisodesRun, policy: Policy) -> Metrics:
 def drive_demonstrators(
     config: DemonstratorsRun,
     folder: Path,
-    _inputs: Mapping[str, Path],
+    _inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Write J(α) of each demonstrator at every angle.

@@ -11,7 +11,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from socialiq.evaluation import exact, rollout
-from socialiq.learners.settings import check_counts, check_widths
+from socialiq.learners.settings import check_widths
 from socialiq.results_folder import Results, as_csv, from_csv
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
@@ -19,7 +19,7 @@ from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs, comparison_tables
 from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
 from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import column, groups, matching, mean, nested, paired_row, with_holm
 from studies.compare_methods import intersection, learners
@@ -46,7 +46,6 @@ def updates_of(method: Method, updates: int) -> int:
 
 def jobs(config: Any) -> list[Job]:
     """Return the jobs of every method at each of its settings, and the peers' environments."""
-    check_counts(config, ("updates", "episodes", "intersection_updates", "intersection_batch"))
     check_widths(config.intersection_hidden)
     return phase_jobs(config, DEVELOPMENT, None)
 
@@ -93,7 +92,7 @@ def phase_jobs(config: Any, phase: str, chosen: Mapping[tuple[str, str], str] | 
 
 
 def run_method(
-    config: GridRuns, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: GridRuns, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Train every run and write a row for each policy, angle and action selection.
 

@@ -27,10 +27,10 @@ from socialiq_lab import comparison, comparison_runs, comparison_tables
 from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
 from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
 from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, View
-from socialiq_lab.tables import column, groups, with_holm
+from socialiq_lab.tables import column, groups, labelled, with_holm
 
 METHODS = comparison.declared_methods(declaration("compare-priors"))
 """The comparison's rows by name."""
@@ -43,33 +43,12 @@ DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
 """Hyperparameters that a dial has in common with the other rows."""
 
 
-def prior(name: str, target_kind: str = "instantaneous", **fixed: Any) -> Learner:
-    """Return IQ-Learn with the social score at a point of the objective, and its target.
-
-    Args:
-        name: Point of the objective at which the social score enters.
-        target_kind: Kind of returns that the score is computed from.
-        **fixed: Further settings that make the method.
-    """
-    return iq_learn(prior=name, target_kind=target_kind, **fixed)
-
-
 LEARNERS: Mapping[str, Learner] = {
-    "none": prior("none"),
-    **{
-        name: prior("reward", name)
-        for name in ("running", "to_go", "trajectory", "instantaneous", "advantage")
-    },
-    "shifted_chi2": prior("shifted_chi2"),
-    "bellman_shift": prior("bellman_shift", "running"),
-    "bellman_shift_1_3": prior("bellman_shift", "running", shift_term_3=True),
-    "reweighting": prior("reweighting", "running"),
+    "iq_learn": iq_learn(),
     "dial": comparison_runs.dialled(
         dial.DialConfig(), dial.DialHyperparameters(final_rate=1.0), *DIAL_RATES
     ),
     "clone": offline(bc.BehaviourCloning),
-    "clone_of_mode": offline(bc.BehaviourCloning),
-    "clone_weighted": offline(bc.BehaviourCloning, weighted=True),
     "cql": offline(ConservativeQ),
     "rl": comparison_runs.reinforcement,
 }
@@ -79,7 +58,7 @@ OWN_SCALES: Mapping[str, tuple[str, ...]] = {
     "dial": ("strength",),
     "cql": ("strength",),
     "rl": (),
-    **dict.fromkeys(("clone", "clone_of_mode", "clone_weighted"), ("reweight_temperature",)),
+    "clone": ("reweight_temperature",),
 }
 """Settings that are λ, or 1/λ, of learners other than IQ-Learn, which has both."""
 
@@ -137,7 +116,7 @@ def _job(config: Any, phase: str, world: str, method: Method, strengths: tuple[f
 
 
 def run_method(
-    config: GridRuns, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: GridRuns, folder: Path, _inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Train every run and write a row for each policy, angle and action selection.
 
@@ -180,7 +159,7 @@ def effective_share(arena: Arena, method: Method, run: Run) -> float:
     """
     data = arena.datasets[run.dataset]
     temperature = 1 / dict(run.setting)["strength"]
-    match method.learner:
+    match method.name:
         case "rl":
             return 0.0
         case "clone_of_mode":
@@ -242,14 +221,14 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
 
     keys = ("world", "readout", "target_angle")
     rows: list[Row] = []
-    for values, group in groups(policies, *keys).items():
+    for label, group in labelled(policies, *keys):
         errors = [abs(angle_difference(row["angle"], row["target_angle"])) for row in group]
         error = np.array(errors)
         regret = np.array(column(group, "regret"))
         if len(group) < 3 or np.ptp(error) == 0 or np.ptp(regret) == 0:
             continue  # ranks need a difference
         test: Any = spearmanr(error, regret)
-        entry: Row = dict(zip(keys, values, strict=True)) | {"policies": len(group)}
+        entry = label | {"policies": len(group)}
         entry |= {"spearman": float(test.statistic), "p": float(test.pvalue)}
         entry |= {"error_at_least_regret": float(error[regret.argmin()])}
         entry |= {"regret_at_least_error": float(regret[error.argmin()])}

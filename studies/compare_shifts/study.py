@@ -7,7 +7,7 @@ that no training has seen.
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,6 @@ import numpy as np
 
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.measures import Episodes, summary
-from socialiq.evaluation.road_training import CHUNK, ITERATION, ITERATION_NUMBERS
-from socialiq.learners import policy_iteration
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.results_folder import as_csv, from_csv
@@ -27,13 +24,12 @@ from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import write_atomically
 from socialiq.types import Policy, Row
 from socialiq.worlds.highway.perception import KNOWN
-from socialiq.worlds.highway.shifts import SHIFTS
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection import driving, training
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import groups
+from socialiq_lab.tables import column, groups, labelled, mean
 
 RULES = ("go", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "idm")
 CELLS = "cells.csv"
@@ -46,58 +42,8 @@ TRAINED = "randomised"
 ENSEMBLE = "ensemble"
 """The shipped dial, dials of the first and second stage over shifts, and the mean of the second."""
 
-OTHERS = ("late", "unseen-30", "noise-3")
-TRAINING = (
-    *(["none or none or late or unseen-30 or noise-1 or noise-3 or noise-3"] * 3),
-    *(
-        " or ".join([road, road, *(f"{road},{other}" for other in OTHERS)])
-        for road in ("right", *(["straight", "connected", "dense"] * 2))
-    ),
-)
-"""Worlds of the training, each with an equal share of the states."""
 
-
-STRUCTURE = dataclasses.replace(
-    ITERATION, batch_size=1024, states_per_update=60, first_rounds=3, replay_capacity=600_000
-)
-"""Of the first stage, which begins with the shipped dial, without the seed."""
-
-FURTHER = dataclasses.replace(
-    ITERATION,
-    updates=40_000,
-    states_per_update=150,
-    first_rounds=40,
-    replay_capacity=40 * CHUNK * 150,  # the first rounds fill it
-)
-FURTHER_NUMBERS = dataclasses.replace(ITERATION_NUMBERS, regression=0.4, exploration_fall=0.0)
-"""Of the second stage: a new network, fitted to labelled states of the first stage's dial."""
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Training seed 100 and episodes from 900,000,000 on were used in development.
-    """
-
-    seeds: tuple[int, ...] = (200, 201, 202, 203, 204)
-    start: str = "intersection-dial-clock/iterated.safetensors"
-    structure: policy_iteration.DialIterationConfig = STRUCTURE
-    numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
-    further: policy_iteration.DialIterationConfig = FURTHER
-    further_numbers: policy_iteration.IterationHyperparameters = FURTHER_NUMBERS
-    training: tuple[str, ...] = TRAINING
-    shifts: tuple[str, ...] = tuple(SHIFTS)
-    angles: tuple[float, ...] = (0.0, 45.0, 75.0, 90.0)  # degrees
-    blocks: tuple[int, ...] = (310_000_000, 320_000_000)  # first seeds of the episodes
-    episodes: int = 500  # of each block
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        check_counts(self, ("episodes",))
-
-
-def trainings(config: Config) -> Iterator[Job]:
+def trainings(config: Any) -> Iterator[Job]:
     """Yield the jobs of the dials: the shipped one, then two stages for each training seed."""
     yield Job(START, driving.copy_shipped, driving.Shipped(config.start))
     checks = training.Checks(times=4, episodes=200)
@@ -127,9 +73,7 @@ class EnsembleDriving(Driving):
     """Configuration of the episodes of all dials as one ensemble."""
 
 
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Write a row for each driver, front end and angle.
 
     Args:
@@ -150,7 +94,7 @@ def drive(
 
 
 def _drivers(
-    config: Driving, inputs: Mapping[str, Path]
+    config: Driving, inputs: Inputs
 ) -> Iterator[tuple[Row, Policy, str, tuple[float, ...]]]:
     """Yield label, policy, front end and the angles at which the episodes count."""
     dials = {name: DialPolicy.load(folder / driving.DIAL) for name, folder in inputs.items()}
@@ -186,7 +130,7 @@ def measured(episodes: Episodes, angle: float) -> Row:
     return row | {"at_fault": float(episodes.at_fault.mean())}
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs: the dials, then the episodes of each shift.
 
     Rules drive in the jobs of the shipped dial.
@@ -205,7 +149,7 @@ def _driven(driver: str, shift: str) -> str:
     return f"driving/{driver}/{shift}"
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Return every cell, and for each shift and angle the dials and the best rule.
 
     Args:
@@ -219,10 +163,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     drivers = [START, *(f"{TRAINED}/{seed}" for seed in config.seeds), ENSEMBLE]
     for shift, driver in itertools.product(config.shifts, drivers):
         cells += from_csv(context.work / _driven(driver, shift) / CELLS)
-    compared = [
-        {"shift": shift, "angle": angle} | _compared(rows)
-        for (shift, angle), rows in groups(cells, "shift", "angle").items()
-    ]
+    compared = [label | _compared(rows) for label, rows in labelled(cells, "shift", "angle")]
     files = {
         f"{TRAINED}-{seed}.safetensors": (
             context.work / TRAINED / str(seed) / driving.DIAL
@@ -239,11 +180,10 @@ def _compared(cells: list[Row]) -> Row:
         if driver in RULES:
             continue
         name = f"{driver}_front" if driver == "dial" and front_end else driver
-        row[name] = float(np.mean([cell["value"] for cell in rows]))
-        collisions = [cell["collision"] for cell in rows]
-        row[f"{name}_collision"] = float(np.mean(collisions))
+        row[name] = mean(rows, "value")
+        row[f"{name}_collision"] = mean(rows, "collision")
         if driver == TRAINED:
-            row[f"{name}_collision_largest"] = max(collisions)
+            row[f"{name}_collision_largest"] = max(column(rows, "collision"))
     best = max((cell for cell in cells if cell["driver"] in RULES), key=lambda cell: cell["value"])
     rule = best["driver"] + (" with front end" if best["front_end"] else "")
     return row | {"rule": best["value"], "rule_collision": best["collision"], "best_rule": rule}

@@ -1,19 +1,15 @@
 """Optima and dials of the 7x7 world with a crosswalk, over the social and the class angle."""
 
-import dataclasses
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from socialiq.evaluation.classes import ClassGround
-from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS
-from socialiq.learners.dial.train import train
 from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
+from socialiq_lab.gridworld_runs import file_of, train_dials
 from socialiq_lab.study import Context, Findings
 
 SUMS = ("r_env", "r_vehicle", "r_vulnerable")
@@ -33,12 +29,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
     """
     world = make_grid("crosswalk7").with_clock()
     ground = ClassGround(tabulate(world))
-    preset = PRESETS["online-classes"]
-    static = dataclasses.replace(preset.structure, one_hot=world.one_hot)
-    static = dataclasses.replace(static, updates=config.updates or static.updates)
-    runs = [dataclasses.replace(preset.numbers, seed=seed) for seed in config.seeds]
-    callbacks = Callbacks(on_report=context.on_stage("dial of two angles"))
-    trained = train(static, runs, (), world.with_parts(), callbacks=callbacks)
+    report = context.on_stage("dial of two angles")
+    inputs = world.with_parts(), config.seeds, (), config.updates, report
+    trained = train_dials(PRESETS["online-classes"], *inputs)
     dials = list[Row]()
     directions = list[Row]()
     for run, seed in enumerate(config.seeds):
@@ -49,16 +42,9 @@ def compute_tables(config: Any, context: Context) -> Findings:
         dials.append({"seed": seed} | means | largest)
         directions += rows
     optima = list(ground.optima(config.every))
-    fine = {_sums(row) for row in ground.optima(config.fine)}
+    fine = {tuple(round(row[name], 6) for name in SUMS) for row in ground.optima(config.fine)}
     summary = {"states": ground.part.mdp.n_states, "distinct_optima": len(fine)}
     summary |= {"vertices": len(ground.front().vertices) if config.front else 0}
     summary |= {"worst_regret": max(row["worst_regret"] for row in dials)}
-    with tempfile.TemporaryDirectory() as folder:
-        trained.policy(0).save(Path(folder) / DIAL)
-        files = {DIAL: (Path(folder) / DIAL).read_bytes()}
     tables = {"optima": optima, "directions": directions, "dials": dials}
-    return Findings(tables, summary, files)
-
-
-def _sums(row: Row) -> tuple[float, ...]:
-    return tuple(round(row[name], 6) for name in SUMS)
+    return Findings(tables, summary, {DIAL: file_of(trained.policy(0))})

@@ -1,8 +1,5 @@
 """The dial in the 7x7 world: one network for every angle, against the exact optimum of each."""
 
-import dataclasses
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,16 +8,15 @@ from socialiq import UserError
 from socialiq.evaluation.dial import Sweep, ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.exact import READOUTS, Ground, action_table
 from socialiq.evaluation.rollout import rollout_totals, trajectory_datasets
-from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS
-from socialiq.learners.dial.train import train
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social import dial as mixtures
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
+from socialiq_lab.gridworld_runs import file_of, train_dials
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import column, groups, nested, spread
+from socialiq_lab.tables import column, labelled, nested, spread
 
 KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
 """Angles in degrees whose mean regret is the key regret of a dial."""
@@ -51,25 +47,15 @@ def compute_tables(config: Any, context: Context) -> Findings:
     files: dict[str, bytes] = {}
     for name in config.runs:
         clock = PRESETS[name].clock
-        static, numbers, _, _ = PRESETS[name]
         world = grounds[clock].table.world
-        updates = config.updates or static.updates
-        static = dataclasses.replace(static, one_hot=world.one_hot, updates=updates)
-        runs = [
-            dataclasses.replace(numbers, seed=seed, dataset=number)
-            for number, seed in enumerate(config.seeds)
-        ]
-        sets = data[clock] * static.demonstrations
-        simulator = world if static.online else None
-        callbacks = Callbacks(on_report=context.on_stage(f"7x7 dial, {name}"))
-        trained = train(static, runs, sets, simulator, callbacks=callbacks)
+        report = context.on_stage(f"7x7 dial, {name}")
+        inputs = world, config.seeds, data[clock], config.updates, report
+        trained = train_dials(PRESETS[name], *inputs)
         for run, seed in enumerate(config.seeds):
             dial = trained.policy(run)
             label = {"run": name, "seed": seed}
             if not files:
-                with tempfile.TemporaryDirectory() as folder:
-                    dial.save(Path(folder) / DIAL)
-                    files[DIAL] = (Path(folder) / DIAL).read_bytes()
+                files[DIAL] = file_of(dial)
             limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
             _evaluate(tables, label, dial, grounds[clock], config, limit)
     if ceilings:
@@ -199,8 +185,8 @@ def _reached(points: np.ndarray, angle: float) -> mixtures.Setting | None:
 def _pooled(dials: list[Row]) -> list[Row]:
     """Mean, least and largest over seeds of every number of a run and action selection."""
     rows = []
-    for (run, readout), group in groups(dials, "run", "readout").items():
-        row: Row = {"run": run, "readout": readout, "seeds": len(group)}
+    for label, group in labelled(dials, "run", "readout"):
+        row = label | {"seeds": len(group)}
         for name in (name for name in group[0] if name not in ("run", "readout", "seed")):
             valued = [dial for dial in group if dial[name] != ""]
             ends = spread(valued, name) if valued else dict.fromkeys(("mean", "low", "high"), "")

@@ -1,8 +1,7 @@
 """Configuration of the intersection study, its jobs, and the names of their folders."""
 
-import dataclasses
-import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import SimpleNamespace
 from typing import Any
 
 from socialiq import UserError
@@ -10,16 +9,17 @@ from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
-from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import config as presets
-from socialiq.nn.view import CHOICES
-from socialiq.social.returns import TARGET_KINDS
+from socialiq.settings import changed
+from socialiq.types import Row
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
+from socialiq_lab.declared import product_of, resolved
 from socialiq_lab.intersection import driving
 from socialiq_lab.intersection.driving import BEST, LAST, Driving, evaluation
 from socialiq_lab.intersection.training import ExpertRun, LearnerRun, train_expert, train_learner
 from socialiq_lab.jobs import Job
+from socialiq_lab.registry import declaration
 
 PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
 """Parts of the study, which STUDY.toml describes."""
@@ -32,13 +32,6 @@ PRESETS = {
 TRAINED = (("thesis", "online"), ("calibrated", "online"), ("calibrated", "offline"))
 SHIPPED = ("calibrated", "online")
 """Group whose learners are drawn beside the thesis' and included in the atlas."""
-VIEWS = tuple(name for name, choice in CHOICES.items() if choice is None or not choice.ahead)
-"""Views that are compared; `set_ahead` came later."""
-
-STRENGTHS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)
-TEMPERATURES = (1.0, 0.3, 0.1, 0.03)
-ENDINGS = ("zero", "absorbing")
-SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 1000)}
 
 
 def jobs(config: Any) -> list[Job]:
@@ -52,11 +45,9 @@ def jobs(config: Any) -> list[Job]:
             raise UserError(f"{name} must be at least {least}, got {value}")
         if isinstance(value, tuple) and not value:
             raise UserError(f"{name} must name at least one")
-    trainings = list(_main(config))
-    trainings += _ablations(config)
-    planned = list(trainings)
+    planned = list(trainings(config))
     episodes = config.episodes
-    for job in trainings:
+    for job in tuple(planned):
         if job.work is train_expert:
             planned.append(evaluation(job.name, Driving(driver=BEST, episodes=episodes), 3.0))
         if job.stage == "experts":
@@ -71,17 +62,15 @@ def jobs(config: Any) -> list[Job]:
     for name in NAMES:
         run = Driving(driver=name, episodes=episodes)
         planned.append(Job(f"evaluation/drivers/{name}", driving.drive, run, cost=3.0))
-    for name, job in members(config).items():  # in traffic with connected lanes
-        options = Options(connected_lanes=True)
-        run = Driving(driver=policy_file(job), episodes=episodes, options=options)
+    for name, job in members(config).items():
+        driver = policy_file(job)
+        options = Options(connected_lanes=True)  # of the traffic
+        run = Driving(driver=driver, episodes=episodes, options=options)
         planned.append(Job(f"connected/{name}", driving.drive, run, (job,), cost=3.0))
-    for name, job in members(config).items() if config.highway_episodes else ():
-        run = Driving(
-            driver=policy_file(job),
-            episodes=config.highway_episodes,
-            first_seed=driving.FIRST_HIGHWAY_EPISODE,
-        )
-        planned.append(Job(f"highway/{name}", driving.drive_highway, run, (job,), cost=100.0))
+        if config.highway_episodes:
+            first = driving.FIRST_HIGHWAY_EPISODE
+            run = Driving(driver=driver, episodes=config.highway_episodes, first_seed=first)
+            planned.append(Job(f"highway/{name}", driving.drive_highway, run, (job,), cost=100.0))
     return planned
 
 
@@ -114,86 +103,57 @@ def columns(config: Any) -> dict[tuple[str, str], dict[str, list[str]]]:
     }
 
 
-def _main(config: Any) -> Iterator[Job]:
-    experts = columns(config)["experts", "flat"]
-    for (name,), angle in zip(experts.values(), MODES.values(), strict=True):
-        numbers = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
-        yield _expert(name, dqn.DQNConfig(steps=config.expert_steps), numbers, cost=900.0)
+def trainings(config: Any) -> Iterator[Job]:
+    """Yield the jobs that STUDY.toml declares of the chosen parts, and the recording of experts."""
+    half = {"half_expert_steps": config.expert_steps // 2}
     recording = driving.Recording(driver=BEST, episodes=config.pool_episodes)
-    inputs = tuple(name for (name,) in experts.values())
-    yield Job(driving.DEMONSTRATIONS, driving.record_experts, recording, inputs, cost=20.0)
-    for (preset, setting), target in itertools.product(TRAINED, TARGETS):
-        structure, numbers = PRESETS[preset]
-        structure = dataclasses.replace(structure, updates=config.updates)
-        if setting == "offline":
-            structure = presets.offline(structure)
-        for seed in config.seeds:
-            name = learner_name(preset, setting, target, seed)
-            cost = 80.0 if structure.online else 45.0
-            yield _learner(config, name, structure, numbers, target, seed, cost)
+    for declared in declaration("intersection")["training"]:
+        if declared["part"] not in ("main", *config.parts):
+            continue
+        is_learner = "preset" in declared
+        names: list[str] = []
+        for values in product_of(resolved(declared["each"], config)):
+            row = resolved(declared, SimpleNamespace(**{**vars(config), **half, **values}))
+            run = learner_run(config, row, values) if is_learner else expert_run(row, values)
+            work = train_learner if is_learner else train_expert
+            inputs = (driving.DEMONSTRATIONS,) if is_learner else ()
+            names.append(row["name"].format(**values))
+            yield Job(names[-1], work, run, inputs, row["cost"])
+        if declared["part"] == "main" and not is_learner:
+            experts = tuple(names)
+            yield Job(driving.DEMONSTRATIONS, driving.record_experts, recording, experts, 20.0)
 
 
-def _ablations(config: Any) -> Iterator[Job]:
-    """Vary the experts, and one setting or the data of the calibrated preset."""
-    preset, numbers = PRESETS["calibrated"]
-    structure = dataclasses.replace(preset, updates=config.ablation_updates)
-    seeds = config.ablation_seeds
-    if "timeouts" in config.parts:  # the experts that can gain by waiting
-        for mode, angle in list(MODES.items())[1:]:
-            static = dqn.DQNConfig(steps=config.expert_steps // 2, through_timeouts=True)
-            run = dqn.DQNHyperparameters(angle=angle, seed=config.expert_seed)
-            yield _expert(f"timeouts/through/{mode}/{config.expert_seed}", static, run, cost=450.0)
-    if "views" in config.parts:  # egoists, whose exploration and step size fall further
-        run = dqn.DQNHyperparameters(exploration=0.02, final_learning_rate=1.5e-5)
-        for view, seed in itertools.product(VIEWS, seeds):
-            static = dqn.DQNConfig(view=view, steps=config.view_steps, steps_per_update=32)
-            seeded = dataclasses.replace(run, seed=seed)
-            yield _expert(f"views/{view}/{seed}", static, seeded, cost=120.0)
-    if "strengths" in config.parts:
-        static = dataclasses.replace(preset, updates=config.updates)
-        axes: Any = itertools.product(STRENGTHS, MODES, seeds)
-        for strength, target, seed in axes:
-            run = dataclasses.replace(numbers, strength=strength)
-            name = f"strengths/{strength:g}/{target}/{seed}"
-            yield _learner(config, name, static, run, target, seed, 75.0)
-    cells = itertools.product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS)
-    for kind, temperature, ending, target in cells if "targets" in config.parts else ():
-        if target == "baseline" and kind != next(iter(TARGET_KINDS)):
-            continue  # without a prior the kind of target means nothing
-        endings = iq.Endings(arrival=ending, collision=ending, timeout=ending)
-        static = dataclasses.replace(structure, target_kind=kind, endings=endings)
-        run = dataclasses.replace(numbers, temperature=temperature)
-        name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seeds[0]}"
-        yield _learner(config, name, static, run, target, seeds[0], 40.0)
-    pairs = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
-    data = itertools.product(pairs, TARGETS, seeds) if "data" in config.parts else ()
-    for (mixture, size), target, seed in data:
-        changed = dataclasses.replace(config, mixture=mixture, size=size)
-        name = f"data/{mixture}/{size}/{target}/{seed}"
-        yield _learner(changed, name, structure, numbers, target, seed, 40.0)
+def expert_run(row: Row, values: Mapping[str, Any]) -> ExpertRun:
+    """Return the run of an expert.
+
+    Args:
+        row: The declared training, with the values of this run.
+        values: These values by name, `mode` among them or not.
+    """
+    angle = {"angle": MODES[values["mode"]]} if "mode" in values else {}
+    structure = changed(dqn.DQNConfig(), row["static"])
+    return ExpertRun(structure, changed(dqn.DQNHyperparameters(), row["numbers"] | angle))
 
 
-def _expert(
-    name: str, structure: dqn.DQNConfig, numbers: dqn.DQNHyperparameters, cost: float
-) -> Job:
-    return Job(name, train_expert, ExpertRun(structure, numbers), cost=cost)
+def learner_run(config: Any, row: Row, values: Mapping[str, Any]) -> LearnerRun:
+    """Return the run of a learner, towards a mode's angle, or of the baseline.
 
-
-def _learner(
-    config: Any,
-    name: str,
-    structure: iq.IQLearnConfig,
-    numbers: iq.IQLearnHyperparameters,
-    target: str,
-    seed: int,
-    cost: float,
-) -> Job:
-    """Train a learner towards a mode's angle, or the baseline."""
-    if target == "baseline":
+    Args:
+        config: Configuration of the study.
+        row: The declared training, with the values of this run.
+        values: These values by name.
+    """
+    structure, numbers = PRESETS[row["preset"]]
+    structure = changed(structure, row["static"])
+    if row.get("setting") == "offline":
+        structure = presets.offline(structure)
+    if values["target"] == "baseline":
         structure = presets.baseline(structure)
-    numbers = dataclasses.replace(numbers, angle=MODES.get(target, 0.0), seed=seed)
-    run = LearnerRun(structure, numbers, config.mixture, config.size)
-    return Job(name, train_learner, run, (driving.DEMONSTRATIONS,), cost=cost)
+    changes = {"angle": MODES.get(values["target"], 0.0), "seed": values["seed"]}
+    numbers = changed(numbers, row.get("numbers", {}) | changes)
+    mixture = row.get("mixture", config.mixture)
+    return LearnerRun(structure, numbers, mixture, values.get("size", config.size))
 
 
 def members(config: Any) -> dict[str, str]:

@@ -6,7 +6,7 @@ dials of discrete actions, of the same steps and updates, drive the same episode
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,20 +27,23 @@ from socialiq.learners.continuous import config as actors
 from socialiq.learners.continuous.train import train
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
-from socialiq.learners.settings import check_counts
+from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq.worlds.gym import learning_env
-from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.intersection import driving
 from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.intersection.thesis_values import METRICS
 from socialiq_lab.intersection.training import fit
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
+from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import (
     groups,
+    labelled,
     matching,
+    mean,
     nested,
     numeric_means,
     paired_differences,
@@ -48,92 +51,25 @@ from socialiq_lab.tables import (
 )
 
 EXPERTS = "experts/sac"
-LEARNERS = "learners/targets"
-BASELINE = "learners/baseline"
-LONGER = "learners/longer"
-CLONES = "offline/cloning"
-WEIGHTED = "offline/weighted-cloning"
-TD3_BC = "offline/td3-bc"
-POLICIES = {
-    EXPERTS: ("expert", True),
-    LEARNERS: ("", True),
-    BASELINE: ("baseline", False),
-    LONGER: ("longer IQ-Learn", True),
-    CLONES: ("cloning", False),
-    WEIGHTED: ("weighted cloning", True),
-    TD3_BC: ("TD3+BC", True),
-}
-"""Jobs of experts and of what learns from a mixture: the beginning of a policy's name in the
-tables, and whether there is a run for every angle."""
 CONTINUOUS = "dials/continuous"
 HIGH_ANGLES = "dials/high-angles"
 DISCRETE = "dials/discrete"
-KINDS = CONTINUOUS, HIGH_ANGLES, DISCRETE
+PROGRAMS: dict[str, Any] = declaration("intersection-continuous")["program"]
+POLICIES = {
+    name: (program["name"], program["angles"])
+    for name, program in PROGRAMS.items()
+    if "name" in program
+}
+"""Jobs of experts and of what learns from a mixture: the beginning of a policy's name in the
+tables, and whether there is a run for every angle."""
+KINDS = tuple(name for name in PROGRAMS if name not in POLICIES)
 """Jobs that train dials."""
 
-_HIGH_ANGLES = dataclasses.replace(actors.DIAL, high_share=0.8)
-"""Dials with most angles beyond 65 degrees; chosen among ten settings in development."""
 
-_DISCRETE = dataclasses.replace(
-    dial.INTERSECTION.structure,
-    hidden=(128, 128),
-    replay_batch=128,
-    updates=actors.EXPERT.updates,
-    replay_capacity=actors.EXPERT.replay_capacity,
-)
-"""The preset of discrete actions in the continuous dial's budget: its updates, rows, environment
-steps and widths; like it, it is trained without demonstrations (`jobs`)."""
-
-_NETWORK = {name: getattr(actors.LEARNER, name) for name in ("view", "hidden", "batch_size")}
-_CLONE = bc.CloningConfig(**_NETWORK, updates=actors.EXPERT.updates)
-_CLONE_NUMBERS = bc.CloningHyperparameters(learning_rate=1e-3)  # chosen in development
-_TD3_BC = actors.TD3BCConfig(
-    **_NETWORK, updates=actors.EXPERT.updates, endings=actors.LEARNER.endings
-)
-_TD3_BC_NUMBERS = actors.TD3BCHyperparameters()
-_OPTIONS = ContinuousOptions()
-_DISCRETE_OPTIONS = Options(destination="straight")
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study: static configs, and numbers without angle, seed and data.
-
-    Training seeds 100 to 199 and episodes from 50,000,000 on were used in development.
-    """
-
-    seeds: tuple[int, ...] = (70, 71, 72)  # of dials with either kind of actions
-    learner_seeds: tuple[int, ...] = (75, 76)  # each with a mixture of its own
-    expert_seed: int = 78  # of the three experts
-    angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())
-    """Angles at which dials are driven, in degrees."""
-    expert: actors.SACConfig = actors.EXPERT
-    numbers: actors.SACHyperparameters = actors.EXPERT_NUMBERS  # of continuous dials, too
-    continuous: actors.SACConfig = actors.DIAL
-    high_angles: actors.SACConfig = _HIGH_ANGLES
-    discrete: dial.DialConfig = _DISCRETE
-    discrete_numbers: dial.DialHyperparameters = dial.INTERSECTION.numbers
-    learner: actors.ActorIQLearnConfig = actors.LEARNER  # the baseline has no prior
-    learner_numbers: actors.ActorIQLearnHyperparameters = actors.LEARNER_NUMBERS
-    longer: actors.ActorIQLearnConfig = actors.LONGER  # as many updates as clones
-    longer_numbers: actors.ActorIQLearnHyperparameters = actors.LONGER_NUMBERS
-    clone: bc.CloningConfig = _CLONE  # of all demonstrations alike, and weighted (Eq B.2)
-    clone_numbers: bc.CloningHyperparameters = _CLONE_NUMBERS
-    td3_bc: actors.TD3BCConfig = _TD3_BC  # on R(α)
-    td3_bc_numbers: actors.TD3BCHyperparameters = _TD3_BC_NUMBERS  # the paper's
-    options: ContinuousOptions = _OPTIONS
-    discrete_options: Options = _DISCRETE_OPTIONS  # the same scenario
-    pool_episodes: int = 1_000  # recorded of each expert
-    size: int = 5_000  # transitions of each expert in a mixture
-    environments: int = 24  # episodes side by side in training, of each run
-    episodes: int = 1_000  # evaluation episodes of each policy, common to all
-    first_episode: int = 21_000_000  # seed of the first one
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        if not self.seeds or not self.learner_seeds or not self.angles:
-            raise UserError("name at least one training seed, of dials and of learners, and angle")
-        check_counts(self, ("pool_episodes", "size", "environments", "episodes"))
+def check(config: Any) -> None:
+    """Refuse settings without a training seed or an angle."""
+    if not config.seeds or not config.learner_seeds or not config.angles:
+        raise UserError("name at least one training seed, of dials and of learners, and angle")
 
 
 @dataclass(frozen=True)
@@ -157,26 +93,13 @@ def run_file(angle: float, seed: int) -> str:
     return f"{angle:g}_{seed}.safetensors"
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return every job, each after its inputs."""
-    weighted = dataclasses.replace(config.clone, weighted=True)
-    baseline = dataclasses.replace(config.learner, prior="none", chi2_on="expert")
-    undemonstrated = dataclasses.replace(config.discrete, demonstrations=False)
-    programs = {
-        EXPERTS: (config.expert, config.numbers),
-        LEARNERS: (config.learner, config.learner_numbers),
-        BASELINE: (baseline, config.learner_numbers),
-        LONGER: (config.longer, config.longer_numbers),
-        CLONES: (config.clone, config.clone_numbers),
-        WEIGHTED: (weighted, config.clone_numbers),
-        TD3_BC: (config.td3_bc, config.td3_bc_numbers),
-        CONTINUOUS: (dataclasses.replace(config.continuous, dial=True), config.numbers),
-        HIGH_ANGLES: (dataclasses.replace(config.high_angles, dial=True), config.numbers),
-        DISCRETE: (undemonstrated, config.discrete_numbers),
-    }
     recording = driving.Recording(episodes=config.pool_episodes, options=config.options)
     planned: list[Job] = []
-    for name, (structure, base) in programs.items():
+    for name, program in PROGRAMS.items():
+        structure = changed(getattr(config, program["structure"]), program.get("static", {}))
+        base = getattr(config, program["numbers"])
         options = config.discrete_options if name == DISCRETE else config.options
         if name in KINDS:
             numbers = [dataclasses.replace(base, seed=seed) for seed in config.seeds]
@@ -205,9 +128,7 @@ def jobs(config: Config) -> list[Job]:
     return planned
 
 
-def train_runs(
-    config: Runs, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def train_runs(config: Runs, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Write the policy of each run; each training seed of learners has its own mixture.
 
     Args:
@@ -253,7 +174,7 @@ _PERCENT = ("collision", "arrival", "timeout", "stopped")
 _PAIRS = (CONTINUOUS, DISCRETE), (HIGH_ANGLES, DISCRETE), (HIGH_ANGLES, CONTINUOUS)
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the experts and the first dial.
 
     Args:
@@ -301,7 +222,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     return Findings(tables, {"families": means, "main": main}, files)
 
 
-def _policies(config: Config, work: Path) -> list[Row]:
+def _policies(config: Any, work: Path) -> list[Row]:
     """Return metrics of each expert and policy of a mixture, with J at its own angle, or 0."""
     rows: list[Row] = []
     for job, (name, of_angles) in POLICIES.items():
@@ -362,12 +283,12 @@ def _families(dials: Sequence[Row]) -> list[Row]:
     """Return J and regret at each angle, means of both, and monotony, of each dial of a kind."""
     corner = intersection.points_of(dials).min(axis=0)
     return [
-        {"kind": kind, "seed": seed}
+        label
         | {f"value_{row['asked']:g}": row["value"] for row in rows}
-        | {f"mean_{n}": float(np.mean([r[n] for r in rows])) for n in ("value", "regret")}
+        | {f"mean_{name}": mean(rows, name) for name in ("value", "regret")}
         | {"hypervolume": hypervolume(intersection.points_of(rows), corner)}
         | intersection.backward_steps(rows)
-        for (kind, seed), rows in groups(dials, "kind", "seed").items()
+        for label, rows in labelled(dials, "kind", "seed")
     ]
 
 

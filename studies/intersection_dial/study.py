@@ -7,19 +7,13 @@ its ablations in what `ABLATIONS` names. All drive the intersection study's epis
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.evaluation.front import hypervolume
-from socialiq.evaluation.road_training import ITERATION, ITERATION_NUMBERS
-from socialiq.learners import policy_iteration
-from socialiq.learners.dial.config import INTERSECTION, DialConfig, DialHyperparameters
-from socialiq.learners.settings import check_counts
+from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.results_folder import load
 from socialiq.settings import changed
 from socialiq.storage import packaged_results
@@ -29,7 +23,7 @@ from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.jobs import Job
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import groups, matching, numeric_means, paired_differences
+from socialiq_lab.tables import column, groups, matching, mean, numeric_means, paired_differences
 
 DIALS = "dial"
 AGENTS = "agents"
@@ -39,16 +33,6 @@ SHORT = "short"
 ITERATED = "iterated"
 PLANNED = "planned"
 FORESIGHT = "foresight"
-
-DIAL_STRUCTURE = DialConfig(
-    view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
-)
-"""Static config of dials and agents: network of the intersection's set experts."""
-
-DIAL_NUMBERS = DialHyperparameters(
-    temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
-)
-"""Rates of the set experts; an intersection has no clock, hence their discount."""
 
 ABLATIONS: dict[str, dict[str, Any]] = declaration("intersection-dial")["ablation"]
 """Dials of `ablation_updates`, and what of the recipe each changes; the first changes nothing."""
@@ -61,81 +45,53 @@ the true future, which makes no policy, and the ablations."""
 _AHEAD: dict[str, driving.Ahead] = {PLANNED: "planned", FORESIGHT: "lookahead"}
 
 _COMPARED = (
-    (DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED), (ITERATED, TIMED),
-    (PLANNED, ITERATED), *((SHORT, ablation) for ablation in ABLATIONS if ablation != SHORT),
-)  # fmt: skip
+    *declaration("intersection-dial")["compared"],
+    *((SHORT, ablation) for ablation in ABLATIONS if ablation != SHORT),
+)
 """Pairs of families whose differences are tested, by training seed."""
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
+def check(config: Any) -> None:
+    """Refuse key angles at which no dial is driven, and families that can't be trained."""
+    if not config.seeds:
+        raise UserError("name at least one training seed")
+    if not set(config.key_angles) <= set(config.turned):
+        raise UserError("every key angle must be among the angles at which a dial is driven")
+    for family in config.families:
+        one_of("family", family, FAMILIES)
+    for family in (CALIBRATED, ITERATED, PLANNED, FORESIGHT):
+        if family in config.families and TIMED not in config.families:
+            raise UserError(f"a {family} dial is made of a {TIMED} one: name both families")
 
-    Training seed 120 was used in development. Pool, mixture and evaluation episodes are those of
-    the intersection study. Settings of dials are without the seed.
+
+def cells(config: Any) -> Iterator[tuple[int, str, tuple[float, ...]]]:
+    """Yield each training seed and family with the angles at which it is driven."""
+    for number, seed in enumerate(config.seeds):
+        for family in config.families:
+            few = family in (AGENTS, PLANNED, FORESIGHT) or family in ABLATIONS
+            if number < config.planned_seeds or family not in (PLANNED, FORESIGHT):
+                yield seed, family, config.key_angles if few else config.turned
+
+
+def recipe_of(config: Any, family: str) -> tuple[DialConfig, DialHyperparameters]:
+    """Return how the dials of a family are trained; for agents, all settings but the angle.
+
+    Args:
+        config: Configuration of the study.
+        family: Kind of policy, from `FAMILIES`.
     """
-
-    seeds: tuple[int, ...] = (50, 51, 52, 53, 54)  # each with a mixture of its own
-    key_angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())
-    """Angles that an agent is trained for, and at which regrets are counted, in degrees."""
-    turned: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
-    """Angles at which a dial is driven; the key angles are among them."""
-    structure: DialConfig = DIAL_STRUCTURE
-    numbers: DialHyperparameters = DIAL_NUMBERS  # of dials and agents
-    agent_updates: int = 12_000
-    """Gradient steps of an agent of one angle; all agents of a seed take twice a dial's."""
-    steps_per_update: int = 12  # environment steps for each gradient step
-    pool_episodes: int = driving.RECORDED_EPISODES  # of each expert of the atlas
-    size: int = driving.SIZE  # transitions of each expert in a mixture
-    episodes: int = driving.EPISODES  # evaluation episodes of each policy
-
-    families: tuple[str, ...] = (DIALS, AGENTS)  # that are trained and driven, of `FAMILIES`
-    recipe: DialConfig = INTERSECTION.structure  # of a dial with a clock
-    recipe_numbers: DialHyperparameters = INTERSECTION.numbers
-    iteration: policy_iteration.DialIterationConfig = ITERATION  # begins with such a dial
-    iteration_numbers: policy_iteration.IterationHyperparameters = ITERATION_NUMBERS
-    ablation_updates: int = 6_000  # gradient steps of each ablation
-    planned_seeds: int = 1
-    """Training seeds, the first ones, whose dials also drive with online planning or foresight."""
-    calibration_episodes: int = driving.EPISODES
-    """Episodes of each angle, of their own, that select a dial's settings."""
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes, and key angles at which no dial is driven."""
-        if not self.seeds:
-            raise UserError("name at least one training seed")
-        if not set(self.key_angles) <= set(self.turned):
-            raise UserError("every key angle must be among the angles at which a dial is driven")
-        for family in self.families:
-            one_of("family", family, FAMILIES)
-        for family in (CALIBRATED, ITERATED, PLANNED, FORESIGHT):
-            if family in self.families and TIMED not in self.families:
-                raise UserError(f"a {family} dial is made of a {TIMED} one: name both families")
-        counts = ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes")
-        check_counts(self, (*counts, "ablation_updates", "calibration_episodes", "planned_seeds"))
-
-    def cells(self) -> Iterator[tuple[int, str, tuple[float, ...]]]:
-        """Yield each training seed and family with the angles at which it is driven."""
-        for number, seed in enumerate(self.seeds):
-            for family in self.families:
-                few = family in (AGENTS, PLANNED, FORESIGHT) or family in ABLATIONS
-                if number < self.planned_seeds or family not in (PLANNED, FORESIGHT):
-                    yield seed, family, self.key_angles if few else self.turned
-
-    def recipe_of(self, family: str) -> tuple[DialConfig, DialHyperparameters]:
-        """Return how the dials of a family are trained; for agents, all settings but the angle."""
-        if family == DIALS:
-            return self.structure, self.numbers
-        if family == AGENTS:
-            agent = {"margin": 0.0, "updates": self.agent_updates}
-            return dataclasses.replace(self.structure, **agent), self.numbers
-        if family == TIMED:
-            return self.recipe, self.recipe_numbers
-        of_structure = {"updates": self.ablation_updates}
-        of_numbers = {}
-        for name, value in ABLATIONS[family].items():
-            (of_structure if hasattr(self.recipe, name) else of_numbers)[name] = value
-        return changed(self.recipe, of_structure), changed(self.recipe_numbers, of_numbers)
+    if family == DIALS:
+        return config.structure, config.numbers
+    if family == AGENTS:
+        agent = {"margin": 0.0, "updates": config.agent_updates}
+        return dataclasses.replace(config.structure, **agent), config.numbers
+    if family == TIMED:
+        return config.recipe, config.recipe_numbers
+    of_structure = {"updates": config.ablation_updates}
+    of_numbers = {}
+    for name, value in ABLATIONS[family].items():
+        (of_structure if hasattr(config.recipe, name) else of_numbers)[name] = value
+    return changed(config.recipe, of_structure), changed(config.recipe_numbers, of_numbers)
 
 
 def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
@@ -151,11 +107,11 @@ def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
     return f"dials/{seed}" if family == DIALS else f"{family}/{seed}"
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return every job, each after its inputs: the training of a dial, then its driving."""
     planned = [driving.atlas_demonstrations(config.pool_episodes)]
     for seed, family, angles in sorted(
-        config.cells(), key=lambda cell: (config.seeds.index(cell[0]), FAMILIES.index(cell[1]))
+        cells(config), key=lambda cell: (config.seeds.index(cell[0]), FAMILIES.index(cell[1]))
     ):
         for at in [(angle,) for angle in angles] if family == AGENTS else [angles]:
             name = folder_of(family, seed, at[0])
@@ -175,7 +131,7 @@ def jobs(config: Config) -> list[Job]:
                 cost = config.iteration.updates / 20
                 planned.append(Job(name, work, run, (timed,), cost))
             elif not ahead:
-                structure, numbers = config.recipe_of(family)
+                structure, numbers = recipe_of(config, family)
                 run = training.DialRun(
                     structure=structure,
                     numbers=dataclasses.replace(numbers, seed=seed),
@@ -196,7 +152,7 @@ def jobs(config: Config) -> list[Job]:
     return planned
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dials of the first seed.
 
     Args:
@@ -235,7 +191,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     return Findings(tables, _summary(config, tables), contents)
 
 
-def _policies(config: Config, work: Path, known_rows: Sequence[Row]) -> list[Row]:
+def _policies(config: Any, work: Path, known_rows: Sequence[Row]) -> list[Row]:
     """Return metrics of each policy, with J(α) and its regrets at the requested angle.
 
     The regret is against the best policy here, `known_regret` against the best of these and of all
@@ -243,7 +199,7 @@ def _policies(config: Config, work: Path, known_rows: Sequence[Row]) -> list[Row
     one may be negative. A dial with foresight is no policy: it is not among the best.
     """
     rows: list[Row] = []
-    for seed, family, angles in config.cells():
+    for seed, family, angles in cells(config):
         for angle in angles:
             folder = work / "evaluation" / folder_of(family, seed, angle)
             label = {"family": family, "seed": seed, "asked": angle, "value": 0.0, "regret": 0.0}
@@ -283,7 +239,7 @@ def known_policies() -> list[Row]:
     return policies
 
 
-def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
+def _families(config: Any, policies: Sequence[Row]) -> list[Row]:
     """Return hypervolume, regrets at the key angles and monotony of each family and seed."""
     corner = intersection.points_of(policies).min(axis=0)
     compared: list[Row] = []
@@ -292,14 +248,13 @@ def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
         if not rows:
             continue
         key = [row for row in rows if row["asked"] in config.key_angles]
-        regrets = [row["regret"] for row in key]
         points = intersection.points_of(key)
         compared.append(
             {"family": family, "seed": seed, "hypervolume": hypervolume(points, corner)}
-            | {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
+            | {"mean_regret": mean(key, "regret"), "worst_regret": max(column(key, "regret"))}
             | {f"regret_{row['asked']:g}": row["regret"] for row in key}
             | {
-                f"mean_{name}": float(np.mean([row[name] for row in key]))
+                f"mean_{name}": mean(key, name)
                 for name in ("known_regret", "others_regret")
                 if name in key[0]
             }
@@ -309,7 +264,7 @@ def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
     return compared
 
 
-def _differences(config: Config, families: Sequence[Row]) -> list[Row]:
+def _differences(config: Any, families: Sequence[Row]) -> list[Row]:
     """Return paired differences of each pair of families, adjusted by Holm within the pair."""
     rows: list[Row] = []
     for first, second in _COMPARED:
@@ -323,7 +278,7 @@ def _differences(config: Config, families: Sequence[Row]) -> list[Row]:
     return rows
 
 
-def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
+def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     """Return means over seeds of each family, and of each policy by family and angle."""
 
     def means(rows: list[Row]) -> Row:

@@ -7,19 +7,14 @@ is also trained online.
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners import settings
-from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import Results
 from socialiq.settings import changed
@@ -28,63 +23,43 @@ from socialiq.worlds.intersection import atlas
 from socialiq_lab.intersection import driving
 from socialiq_lab.intersection.rows import times, valued
 from socialiq_lab.intersection.training import MixtureRuns, run_file, train_runs
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import groups, matching, paired_row, spread, with_holm
+from socialiq_lab.tables import groups, labelled, matching, mean, paired_row, spread, with_holm
 
 METHODS: dict[str, Any] = declaration("intersection-offline")["method"]
 """Methods beside the dial, with a run for each angle; the last three act in the world."""
 
 OWN = "offline dial"
 DEMONSTRATOR = "demonstrator"
-COUNTS = ("updates", "together", "pool_episodes", "size", "episodes")
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
+def check(config: Any) -> None:
+    """Refuse settings without a seed or an angle, unknown methods, and acting under a shift."""
+    if not config.seeds or not config.angles:
+        raise UserError("name at least one training seed and one angle")
+    if not set(config.method_angles) <= set(config.angles):
+        raise UserError("every method angle must be among the angles of the dial")
+    for method in config.methods:
+        one_of("method", method, tuple(METHODS))
+    acting = [method for method in config.methods if METHODS[method].get("acts")]
+    if acting and (config.shift or config.front_end):
+        raise UserError(f"under a shift nothing acts in the world: leave out {acting[0]}")
 
-    Training seeds 60 to 64 were used by earlier versions, 100 to 102 in development, and episodes
-    from 50,000,000 on.
+
+def program_of(config: Any, seed: int) -> tuple[int, ...]:
+    """Return the training seeds of a seed's program.
+
+    Args:
+        config: Configuration of the study.
+        seed: Training seed.
     """
-
-    seeds: tuple[int, ...] = (65, 66, 67, 68, 69)  # each with a mixture of its own
-    angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())  # of the dial, degrees
-    methods: tuple[str, ...] = tuple(METHODS)  # each trained for each of `method_angles`
-    method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)  # those of the demonstrators
-    structure: OfflineDialConfig = field(default_factory=OfflineDialConfig)  # networks of all, too
-    numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
-    updates: int = 5000  # gradient steps of clones and of IQ-Learn
-    learning_rate: float = 1e-3  # Adam's, of clones and of IQ-Learn
-    together: int = 5  # training seeds in one program; another number differs by rounding alone
-    pool_episodes: int = driving.RECORDED_EPISODES  # of each expert of the atlas
-    size: int = driving.SIZE  # transitions of each expert in a mixture
-    episodes: int = 4000  # evaluation episodes of each policy, common to all
-    first_episode: int = 60_000_000  # seed of the first one
-    shift: str = ""  # under which all drive, demonstrators too, and their front end
-    front_end: str = ""
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes and unknown methods."""
-        if not self.seeds or not self.angles:
-            raise UserError("name at least one training seed and one angle")
-        if not set(self.method_angles) <= set(self.angles):
-            raise UserError("every method angle must be among the angles of the dial")
-        for method in self.methods:
-            one_of("method", method, tuple(METHODS))
-        acting = [method for method in self.methods if METHODS[method].get("acts")]
-        if acting and (self.shift or self.front_end):
-            raise UserError(f"under a shift nothing acts in the world: leave out {acting[0]}")
-        settings.check_counts(self, COUNTS)
-
-    def program(self, seed: int) -> tuple[int, ...]:
-        """Return the training seeds of a seed's program."""
-        first = self.seeds.index(seed) // self.together * self.together
-        return self.seeds[first : first + self.together]
+    first = config.seeds.index(seed) // config.together * config.together
+    return config.seeds[first : first + config.together]
 
 
-def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
+def runs_of(config: Any, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
     """Return the runs of the dial or of a method.
 
     Args:
@@ -118,7 +93,7 @@ def runs_of(config: Config, method: str, seeds: tuple[int, ...]) -> MixtureRuns:
     )
 
 
-def folder_of(config: Config, method: str, seed: int) -> str:
+def folder_of(config: Any, method: str, seed: int) -> str:
     """Return the folder of the program that trains a seed's runs of a method.
 
     Args:
@@ -128,10 +103,10 @@ def folder_of(config: Config, method: str, seed: int) -> str:
     """
     name = method.replace("R(α)", "total").replace("χ²", "chi2")
     stage = "dials" if method == OWN else f"learners/{name.replace(',', '').replace(' ', '-')}"
-    return f"{stage}/{config.program(seed)[0]}"
+    return f"{stage}/{program_of(config, seed)[0]}"
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return every job, each after its inputs."""
     faults: dict[str, Any] = {"shift": config.shift, "front_end": config.front_end}
     recording = driving.atlas_demonstrations(config.pool_episodes, **faults)
@@ -144,7 +119,7 @@ def jobs(config: Config) -> list[Job]:
     ]
     for seed in config.seeds[:: config.together]:
         for method in (OWN, *config.methods):
-            seeds = config.program(seed)
+            seeds = program_of(config, seed)
             name = folder_of(config, method, seed)
             runs = runs_of(config, method, seeds)
             policies = len(seeds) * (len(runs.angles) or 4)
@@ -158,7 +133,7 @@ def jobs(config: Config) -> list[Job]:
 def save_demonstrators(
     _config: driving.Recording,
     folder: Path,
-    _inputs: Mapping[str, Path],
+    _inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Write the experts of the atlas, so that other jobs can drive them.
@@ -172,7 +147,7 @@ def save_demonstrators(
     on_progress(1.0)
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dial of the first seed.
 
     Args:
@@ -185,15 +160,14 @@ def compute_tables(config: Config, context: Context) -> Findings:
     policies = _policies(config, context.work)
     trained = [job for job in context.jobs if job.stage in ("dials", "learners")]
     pooled: list[Row] = []
-    for (method, angle), rows in groups(policies, "method", "asked").items():
+    names = ("r_env", "r_social", "arrival", "collision", "timeout")
+    for label, rows in labelled(policies, "method", "asked"):
         value = spread(rows, "value")
         pooled.append(
-            {"method": method, "asked": angle, "seeds": len(rows), "value": value.pop("mean")}
+            label
+            | {"seeds": len(rows), "value": value.pop("mean")}
             | value
-            | {
-                name: float(np.mean([row[name] for row in rows]))
-                for name in ("r_env", "r_social", "arrival", "collision", "timeout")
-            }
+            | {name: mean(rows, name) for name in names}
         )
     tests = compared(config, policies)
     tables = {
@@ -207,7 +181,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     return Findings(tables, summarised(tests), {"dial.safetensors": dial.read_bytes()})
 
 
-def _policies(config: Config, work: Path) -> list[Row]:
+def _policies(config: Any, work: Path) -> list[Row]:
     """Return metrics of each policy, and J(α) at its angles; a demonstrator is valued at all."""
     rows: list[Row] = []
     for angle in config.angles:
@@ -227,7 +201,7 @@ def _policies(config: Config, work: Path) -> list[Row]:
     return rows
 
 
-def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
+def compared(config: Any, policies: Sequence[Row]) -> dict[str, list[Row]]:
     """Return the tests between methods that the table of policies allows, paired over seeds.
 
     The dial against the best demonstrator at each angle, which is the same for all seeds, and

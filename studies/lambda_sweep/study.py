@@ -8,7 +8,7 @@ import numpy as np
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 from socialiq_lab.declared import State
-from socialiq_lab.tables import column, groups, matching
+from socialiq_lab.tables import column, labelled, matching
 
 KEYS = ("target_kind", "strength", "readout")
 WITHIN = 20.0
@@ -29,9 +29,8 @@ def adaptation_rows(state: State) -> list[Row]:
     """
     goal = optimum_angle(state)
     table = []
-    for values, steps in groups(state.tables["checkpoints"], *KEYS, "seed").items():
+    for entry, steps in labelled(state.tables["checkpoints"], *KEYS, "seed"):
         near = [abs(angle_difference(row["angle"], goal)) < WITHIN for row in steps]
-        entry: Row = dict(zip((*KEYS, "seed"), values, strict=True))
         entry |= {"first_update_within": steps[near.index(True)]["updates"] if any(near) else ""}
         entry |= {"settled_update": settled(column(steps, "updates"), near)}
         entry |= {"within_at_end": int(near[-1])}

@@ -4,45 +4,34 @@ Every policy is declared by the defaults of one angle. A verdict across scenario
 `socialiq audit across`: a pass needs a pass in each.
 """
 
-import contextlib
-import datetime
 from collections.abc import Callable, Iterator
 from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from socialiq import Margin, declare
-from socialiq.audit.evidence.collect import drive_references
-from socialiq.audit.evidence.drive import Course
-from socialiq.audit.evidence.outcomes import Evidence, Reference
-from socialiq.audit.profile.profile import Profile, measured_in
-from socialiq.audit.profile.template import USUAL, floor_at
-from socialiq.audit.request import SHIPPED_DIAL, Trust, dial_angles, resolve_references
+from socialiq.audit.profile.profile import measured_in
+from socialiq.audit.request import SHIPPED_DIAL
 from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import Decisive, decide, joint_decision
+from socialiq.audit.verdict.verdict import Decisive, joint_decision
 from socialiq.evaluation.simulate import Watched
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import packaged_results
 from socialiq.types import Policy, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.registry import make
+from socialiq_lab.audit_arena import AuditArena, course_of
 from socialiq_lab.study import Context, Findings, tracked
 
 WORLD = "intersection"
-DAY = datetime.date(2026, 11, 27)
 SCENARIOS: dict[str, dict[str, Any]] = {
     "quiet": {"initial_vehicle_count": 2, "spawn_probability": 0.1},
     "usual": {},
     "dense": {"initial_vehicle_count": 8, "spawn_probability": 0.5},
 }
 """Options of the intersection by scenario."""
-RESAMPLES = 2000
 RULES = ("go", "wait")
-UNKNOWN = {"kind": "python", "source": "", "sha256": ""}
-"""Record of a policy that is none of the references."""
 
 Rows = Float32[np.ndarray, "batch feature"]
 
@@ -82,19 +71,6 @@ def policies(config: Any) -> Iterator[tuple[str, Policy]]:
         yield rule, world.driver(rule)
 
 
-def declaration(angle: float, options: dict[str, Any]) -> Profile:
-    """Return the default declaration of an angle in a scenario.
-
-    Args:
-        angle: Declared angle in degrees.
-        options: Options of the world in the scenario.
-    """
-    usual = USUAL[WORLD]
-    margin = Margin(usual.margin, None, None, usual.width, usual.beyond)
-    how = {"competence": floor_at(angle), "clip": usual.clip}
-    return declare(angle, "a study", WORLD, margin, DAY, options, **how)
-
-
 def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
     """Yield verdict and effects of every policy in a scenario, all on the same episodes.
 
@@ -106,23 +82,15 @@ def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
     Yields:
         A row for each policy; `extra` is its delay in metres beyond that of the honest one.
     """
-    profile = declaration(config.declared, SCENARIOS[scenario])
-    world = profile.world()
-    width = profile.margin.width
-    seeds = np.random.default_rng(config.seed).integers(2**62, size=config.episodes)
+    options = SCENARIOS[scenario]
+    world = make(WORLD, **options)
     quantities = tuple(measured_in(WORLD))
-    course = Course(world, seeds)
-    measured = Course(world, seeds, measured=quantities)
-    with contextlib.ExitStack() as closing:
-        angles = dial_angles(config.declared, width)
-        compared = resolve_references(world, (), UNKNOWN, Trust(), closing, angles)
-        references = drive_references(course, compared.drivers)
+    drawn = world, config.episodes, config.seed
+    arena = AuditArena(course_of(*drawn, quantities), options, course_of(*drawn))
     stage = f"audits, {scenario}"
     honest = None
     for name, policy in tracked(list(policies(config)), context.on_stage, stage, "policies"):
-        outcomes = measured.drive(Reference("policy", policy))
-        evidence = Evidence(world.description, seeds, outcomes, references, {}, ())
-        verdict = decide(profile, evidence, config.seed, RESAMPLES, profile.error)
+        verdict, outcomes = arena.audited(policy, config.declared, config.seed)
         row: Row = {"policy": name, "scenario": scenario, "verdict": verdict.decision.value}
         row |= {"decided_by": deciding(verdict), "regret": verdict.regret.regret}
         row |= {test.name: test.share for test in cast(Any, verdict.competence)}
@@ -175,7 +143,6 @@ def compute_tables(config: Any, context: Context) -> Findings:
     Returns:
         Tables `audits` and `across`, and the worst policy that passes as summary.
     """
-    check_counts(config, ("episodes",))
     scenarios = list(config.scenarios)
     audits = [row for name in scenarios for row in audit_rows(config, name, context)]
     across = list(across_rows(audits, scenarios))

@@ -1,7 +1,7 @@
 """Tasks, methods, and the jobs: experts, their demonstrations, and what learns from them."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +17,6 @@ from socialiq.learners.collect import Collector, from_env
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous.standardise import Standardisation
 from socialiq.learners.continuous.train import train
-from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn import actor_policy, q_network
 from socialiq.settings import changed
 from socialiq.storage import read_json, write_json
@@ -25,7 +24,8 @@ from socialiq.types import Policy
 from socialiq.worlds.environment import action_size, sizes
 from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
-from socialiq_lab.jobs import ProgressCallback, callbacks_of
+from socialiq_lab.declared import settings_of
+from socialiq_lab.jobs import Inputs, ProgressCallback, callbacks_of
 from socialiq_lab.registry import declaration
 
 
@@ -118,25 +118,9 @@ class Method(Recipe):
     forces: bool = True  # whether the networks see contact forces, of tasks that have them
 
 
-_SHAPE: dict[str, Any] = {"hidden": (64, 64), "batch_size": 128}
-_OFFLINE = config.ActorIQLearnConfig(
-    prior="none", online=False, value_term="value_expert", updates=10_000, **_SHAPE
-)
-_ONLINE = config.ActorIQLearnConfig(
-    prior="none",
-    chi2_on="mixture",
-    bounded=True,
-    endings=Endings(timeout="bootstrap", other="occupancy"),
-    replay_capacity=200_000,
-    updates_per_round=ROUND,
-    **_SHAPE,
-)
-_NUMBERS = config.ActorIQLearnHyperparameters(temperature=0.01, learning_rate=1e-3)
-_CLONING = bc.CloningConfig(updates=10_000, **_SHAPE)
 _BASES = {
-    "online": Method(_ONLINE, _NUMBERS),
-    "offline": Method(_OFFLINE, _NUMBERS),
-    "cloning": Method(_CLONING, bc.CloningHyperparameters(learning_rate=1e-3)),
+    name: Method(*(settings_of(name, **settings) for settings in base.values()))
+    for name, base in _DECLARED["base"].items()
 }
 METHODS: dict[str, Method] = declared_recipes(_DECLARED["method"], _BASES)
 """Methods by name in the tables."""
@@ -161,9 +145,7 @@ class Expert:
     evaluation_seed: int
 
 
-def train_expert(
-    recipe: Expert, folder: Path, _inputs: Mapping[str, Path], progress: ProgressCallback
-) -> None:
+def train_expert(recipe: Expert, folder: Path, _inputs: Inputs, progress: ProgressCallback) -> None:
     """Train, or go on; write the best checkpoint, and the returns of all.
 
     Args:
@@ -230,9 +212,7 @@ class Imitation:
     evaluation_seed: int
 
 
-def imitate(
-    run: Imitation, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
-) -> None:
+def imitate(run: Imitation, folder: Path, inputs: Inputs, progress: ProgressCallback) -> None:
     """Train and write the piece of each seed; an interrupted training goes on.
 
     Args:
@@ -279,7 +259,7 @@ def settled(run: Imitation) -> Method:
     if method.online:
         updates = method.updates or TASKS[run.task].online_updates
         changes["updates_per_round"] = min(ROUND, run.updates or updates)
-    return method.changed(static=changes | {"updates": run.updates or updates})
+    return changed(method, {"static": changes | {"updates": run.updates or updates}})
 
 
 def learn(

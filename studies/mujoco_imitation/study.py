@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -13,12 +13,11 @@ import numpy as np
 from socialiq import UserError
 from socialiq.demonstrations import files
 from socialiq.foreign import one_line
-from socialiq.learners.settings import check_counts
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import read_json, shipped
 from socialiq.types import Row
 from socialiq_lab.comparison import as_file_name, check_names
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, matching, nested, paired_row, with_holm
 from studies.mujoco_imitation import runs
@@ -102,9 +101,7 @@ class Showing:
     sha256: str = ""
 
 
-def show(
-    showing: Showing, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
-) -> None:
+def show(showing: Showing, folder: Path, inputs: Inputs, progress: ProgressCallback) -> None:
     """Write whole trajectories of the expert's mean actions.
 
     Args:
@@ -156,7 +153,6 @@ def jobs(config: Any) -> list[Job]:
 
 def plan(config: Any) -> list[Job]:
     """Return the jobs of what is missing, each after its inputs."""
-    check_counts(config, ("every", "judged", "episodes", "expert_episodes"))
     for count in config.trajectories:
         if not 1 <= count <= max(COUNTS):
             raise UserError(f"trajectories must be 1 to {max(COUNTS)}, got {count}")

@@ -17,7 +17,7 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.study import Context, Findings, tracked
-from socialiq_lab.tables import groups, matching, mean, nested
+from socialiq_lab.tables import labelled, matching, mean, nested
 
 
 class Scene(NamedTuple):
@@ -105,7 +105,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
             evaluation = evaluator.evaluate(scene.chances(policy))
             label = {"world": world, "explored": explored, "seed": seed, "angle": angle}
             rows += _estimates(label, evaluation, truth)
-    pooled = [_pooled(values, group) for values, group in groups(rows, *_KEYS).items()]
+    pooled = [_pooled(label, group) for label, group in labelled(rows, *_KEYS)]
     tables = {"estimates": rows, "pooled": pooled}
     return Findings(tables, {"pooled": nested(pooled, *_KEYS)})
 
@@ -134,9 +134,9 @@ def _estimates(label: Row, evaluation: off_policy.OffPolicy, truth: float) -> It
 _KEYS = ("world", "explored", "estimator")
 
 
-def _pooled(values: Sequence[Any], group: Sequence[Row]) -> Row:
+def _pooled(label: Row, group: Sequence[Row]) -> Row:
     """Coverage and error of the estimates that are called supported, and of those that are not."""
-    row: Row = dict(zip(_KEYS, values, strict=True)) | {"estimates": len(group)}
+    row = label | {"estimates": len(group)}
     row["supported"] = mean(group, "supported")
     for name, is_supported in (("supported", 1), ("others", 0)):
         estimates = [one for one in matching(group, supported=is_supported) if one["value"] != ""]

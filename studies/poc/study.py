@@ -23,7 +23,7 @@ from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import sequence, train_runs
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, StageCallback
-from socialiq_lab.tables import groups
+from socialiq_lab.tables import groups, labelled
 
 CHUNK = 1000  # updates between two evaluations of the greedy sequences
 
@@ -129,10 +129,10 @@ def _train(
 def _agreement(rows: list[Row]) -> list[Row]:
     """Number of seeds with the thesis' sequence, and the commonest one, by variant and policy."""
     table = []
-    for values, group in groups(rows, *KEYS).items():
+    for label, group in labelled(rows, *KEYS):
         commonest, count = Counter(row["sequence"] for row in group).most_common(1)[0]
         table.append(
-            dict(zip(KEYS, values, strict=True))
+            label
             | {"seeds": len(group), "equal": sum(row["equal"] for row in group)}
             | {"commonest": commonest, "commonest_seeds": count, "thesis": group[0]["thesis"]}
         )
@@ -143,9 +143,8 @@ def _by_updates(rows: list[Row], updates: int) -> list[Row]:
     """Number of seeds with the thesis' sequence, by number of updates."""
     times = [min(n, updates) for n in range(CHUNK, updates + CHUNK, CHUNK)]
     table = []
-    for values, group in groups(rows, *KEYS).items():
+    for label, group in labelled(rows, *KEYS):
         counts = Counter(n for row in group for n in row["equal_at"].split())
-        label = dict(zip(KEYS, values, strict=True))
         table.append(label | {f"at_{n}": counts[str(n)] for n in times})
     return table
 

@@ -3,36 +3,27 @@
 In the 7x7 world policies are evaluated exactly, at the intersection by the episodes of the audit.
 """
 
-import contextlib
 import dataclasses
-import datetime
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
-from socialiq import Demonstrations, Margin, declare, make, tabulate
-from socialiq.audit.evidence.collect import drive_references
-from socialiq.audit.evidence.drive import Course
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes, Reference
-from socialiq.audit.profile.template import USUAL, floor_at, possible_loss
-from socialiq.audit.request import Trust, dial_angles, resolve_references
-from socialiq.audit.verdict.verdict import decide
+from socialiq import Demonstrations, make, tabulate
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.demonstrations.trust import consistency
 from socialiq.evaluation import exact, malice
 from socialiq.evaluation.labels import trusted
 from socialiq.evaluation.malice import Malice
-from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES, record, trajectory_datasets
 from socialiq.learners.iq_learn import config as iq
 from socialiq.types import Row
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
+from socialiq_lab.audit_arena import AuditArena, course_of
 from socialiq_lab.comparison import Setting
-from socialiq_lab.comparison_runs import Arena
+from socialiq_lab.comparison_runs import Arena, intersection_arena
 
 GRID = "crossing7"
 ROAD = "intersection"
@@ -40,13 +31,8 @@ OPTIONS = {"braking": "one_level"}
 """Of the 7x7 world: in the default one nothing can collide."""
 ATTACKERS = {"hater": "hater", "rammer": "rammer", "adaptive": "hater"}
 """Attackers by name and what they do; the adaptive one forges within limits of `data trust`."""
-DAY = datetime.date(2026, 11, 27)
-RESAMPLES = 2000
 BATCH = 512
-ENVIRONMENTS = 12
-"""Episodes side by side, and intersections in which a learner acts."""
-UNKNOWN = {"kind": "python", "source": "", "sha256": ""}
-"""Record of a policy that is none of an audit's references."""
+"""Episodes side by side."""
 
 
 class Poison(NamedTuple):
@@ -104,9 +90,8 @@ class Grid:
         self.table = tabulate(make_grid(GRID, **OPTIONS))
         part = self.table.reachable_part()
         self.ground = exact.Ground(self.table, part, exact.Optimum(part))
-        seeds = np.random.default_rng(config.seeds[0]).integers(2**62, size=config.audit_episodes)
-        self.course = Course(self.table.world, seeds)
-        self.references: dict[float, tuple[Outcomes, ...]] = {}
+        course = course_of(self.table.world, config.audit_episodes, config.seeds[0])
+        self.audits = AuditArena(course, OPTIONS)
         self.decided: dict[tuple[float, bytes], str] = {}
 
     def data(self, poison: Poison) -> Demonstrations:
@@ -148,7 +133,7 @@ class Grid:
         row |= {"collision": metrics.collision, "arrival": metrics.arrival}
         key = angle, actions.tobytes()
         if key not in self.decided:
-            verdict, _ = audited(angle, self.course, self.references, policy)
+            verdict, _ = self.audits.audited(policy, angle)
             self.decided[key] = verdict.decision.value
         return row | {"verdict": self.decided[key]}
 
@@ -164,9 +149,7 @@ class Road:
     def __init__(self, config: Any) -> None:
         self.config = config
         self.world = cast(RoadWorld, make(ROAD))
-        seeds = np.random.default_rng(config.seeds[0]).integers(2**62, size=config.road_episodes)
-        self.course = Course(self.world, seeds)
-        self.references: dict[float, tuple[Outcomes, ...]] = {}
+        self.audits = AuditArena(course_of(self.world, config.road_episodes, config.seeds[0]))
 
     def data(self, poison: Poison) -> Demonstrations:
         """Return the data set of a contamination; each seed has its own episodes."""
@@ -193,20 +176,7 @@ class Road:
             datasets: Data set of each contamination.
             on_report: Progress callback of the training.
         """
-        static = iq.INTERSECTION_CALIBRATED
-        updates = self.config.road_updates
-        steps = updates * static.env_steps_per_update
-        shape = {"view": "set", "hidden": (64, 64), "batch_size": 64, "replay_capacity": steps}
-        numbers = dataclasses.replace(iq.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3)
-        return Arena(
-            dataclasses.replace(static, **shape),
-            numbers,
-            updates,
-            datasets,
-            None,
-            lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // Arena.chunk)),
-            on_report,
-        )
+        return intersection_arena(datasets, self.config.road_updates, on_report)
 
     def measured(self, policy: Any, angle: float) -> Row:
         """Drive the episodes of a greedy policy's default audit, and decide it at an angle.
@@ -218,36 +188,8 @@ class Road:
         Returns:
             Columns `regret`, `collision`, `arrival` and `verdict`.
         """
-        verdict, outcomes = audited(angle, self.course, self.references, policy)
+        verdict, outcomes = self.audits.audited(policy, angle)
         row: Row = {"regret": verdict.regret.regret}
         row["collision"] = float(np.mean(outcomes.episodes.collision))
         row["arrival"] = float(np.mean(outcomes.episodes.arrival))
         return row | {"verdict": verdict.decision.value}
-
-
-def audited(
-    angle: float, course: Course, references: dict[float, tuple[Outcomes, ...]], policy: Any
-) -> Any:
-    """Return the verdict of a policy's default declaration, and its episodes.
-
-    Args:
-        angle: Declared angle in degrees.
-        course: Episodes that every driver drives.
-        references: Outcomes of the references by angle; those of a new angle are driven and added.
-        policy: Policy under audit.
-    """
-    outcomes = course.drive(Reference("policy", policy))
-    world = course.world
-    usual = USUAL[world.name]
-    options = OPTIONS if world.is_exact else {}
-    if angle not in references:
-        with contextlib.ExitStack() as closing:
-            angles = dial_angles(angle, usual.width)
-            named = resolve_references(world, (), UNKNOWN, Trust(), closing, angles)
-            references[angle] = drive_references(course, named.drivers)
-    loss = possible_loss(world, angle) if world.is_exact else None
-    margin = Margin(usual.margin, None, loss, usual.width, usual.beyond)
-    how: dict[str, Any] = {"competence": floor_at(angle), "clip": usual.clip}
-    profile = declare(angle, "a study", world.name, margin, DAY, options, **how)
-    evidence = Evidence(world.description, course.seeds, outcomes, references[angle], {}, ())
-    return decide(profile, evidence, 0, RESAMPLES, profile.error), outcomes

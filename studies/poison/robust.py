@@ -31,11 +31,11 @@ from jaxtyping import Array, Bool, Float
 from socialiq import QPolicy, score
 from socialiq.learners.behaviour_cloning import BehaviourCloning
 from socialiq.learners.expert_table import Batch, draw_between
-from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.objective import UserFunctions
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Transitions
+from socialiq_lab.baselines import ActingByValues, ValuesLearner, of_taken
 
 Rows = Float[Array, " batch"]
 BLOCKS = 16  # of a batch, for medians of means
@@ -115,18 +115,13 @@ def risk(positive: Array, replayed: Array, pseudo: Array) -> Float[Array, ""]:
     return (jnp.mean(symmetric_loss(positive)) + negative) / 2
 
 
-class CoNetworks(eqx.Module):
+class CoNetworks(ActingByValues):
     """Q(s, ·), which acts, and the two classifiers g(s, ·)."""
 
-    values: QNetwork
     classifiers: tuple[QNetwork, QNetwork]
 
-    def __call__(self, observation: Array) -> Array:
-        """Return Q of one observation."""
-        return self.values(observation)
 
-
-class CoPseudoLabelling(IQLearn):
+class CoPseudoLabelling(ValuesLearner):
     """RIL-Co: soft Q-learning against two classifiers that label for each other."""
 
     name: ClassVar[str] = "ril_co"
@@ -184,30 +179,14 @@ class CoPseudoLabelling(IQLearn):
             worst = jnp.argsort(doubt)[: len(doubt) // PSEUDO]
             pseudo = _of_taken(learns, other)[worst]
             terms[name] = risk(_of_taken(learns, half), _of_taken(learns, own), pseudo)
-        q_next = jax.vmap(target_network)(own.next_observation)
-        value = losses.soft_value(q_next, run.temperature)
-        settings = (q_next.shape[-1], run.temperature, run, self.static)
-        follows = losses.continued(value, own.ending, *settings)
         reward = run.strength * (symmetric_loss(-_of_taken(first, own)) - 0.5)
-        target = jax.lax.stop_gradient(reward + run.discount * follows)
-        terms["bellman"] = jnp.mean(jnp.square(_of_taken(network.values, own) - target)) / 2
+        terms["bellman"] = self.bellman_error(network, target_network, own, reward, run)
         total = jnp.sum(jnp.stack(list(terms.values())))
         return total, terms | {"loss": total}
 
-    def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
-        """Return the policy of Q.
-
-        Args:
-            hyperparameters: Numbers of the run.
-            state: State of the run, with the trained networks.
-        """
-        record = self.record(hyperparameters)
-        return QPolicy.of(state.network.values, hyperparameters.temperature, record)
-
 
 def _of_taken(network: Any, rows: Batch) -> Rows:
-    values = jax.vmap(network)(rows.observation)
-    return jnp.take_along_axis(values, rows.action[:, None], axis=1)[:, 0]
+    return of_taken(jax.vmap(network)(rows.observation), rows.action)
 
 
 class Experts(eqx.Module):

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from socialiq import Demonstrations
 from socialiq.audit.profile.template import USUAL
@@ -20,17 +19,16 @@ from socialiq.evaluation import malice
 from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.dial import config as dial
-from socialiq.plotting import style
-from socialiq.results_folder import Results
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs
+from socialiq_lab.audit_arena import RESAMPLES
 from socialiq_lab.comparison_runs import Learner, Run, best_episodes_cloned, iq_learn, offline
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
-from socialiq_lab.tables import column, groups, matching, mean, where
+from socialiq_lab.tables import column, groups, labelled, mean
 from studies.poison import robust
-from studies.poison.places import ATTACKERS, GRID, RESAMPLES, ROAD, Grid, Poison, Road
+from studies.poison.places import ATTACKERS, GRID, ROAD, Grid, Poison, Road
 
 METHODS = comparison.declared_methods(declaration("poison"))
 """The learners by name."""
@@ -43,21 +41,16 @@ PLACES = {GRID: Grid, ROAD: Road}
 CASES = ("honest", "forged", "recomputed")
 OFFLINE = dial.PRESETS["offline"]
 
-_SHIFTED: dict[str, Any] = {"prior": "shifted_chi2", "target_kind": "instantaneous"}
 LEARNERS: Mapping[str, Learner] = {
-    "iq_learn": iq_learn(prior="none"),
-    "thesis": iq_learn(prior="reward", target_kind="running"),
-    "shifted_chi2": iq_learn(**_SHIFTED),
-    "trimmed": iq_learn(**_SHIFTED),
-    "medians": iq_learn(robust.MediansOfMeans, **_SHIFTED),
+    "iq_learn": iq_learn(),
+    "medians": iq_learn(robust.MediansOfMeans),
     "dial_offline": comparison_runs.dialled(
         dataclasses.replace(OFFLINE.structure, redraw_times=0), OFFLINE.numbers, "discount"
     ),
     "clone": offline(bc.BehaviourCloning),
-    "clone_weighted": offline(bc.BehaviourCloning, weighted=True),
     "clone_of_best": best_episodes_cloned,
-    "ciql": iq_learn(robust.ConfidenceWeighted, prior="none"),
-    "ril_co": iq_learn(robust.CoPseudoLabelling, prior="none"),
+    "ciql": iq_learn(robust.ConfidenceWeighted),
+    "ril_co": iq_learn(robust.CoPseudoLabelling),
     "ileed": offline(robust.ExpertiseEstimating),
 }
 """By the `learner` of a method in STUDY.toml."""
@@ -110,7 +103,8 @@ def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[
             for number, poison in enumerate(sets)
         ]
         rows: dict[tuple[Poison, float], Row] = {}
-        trained = list(zip(runs, LEARNERS[name](arena, runs), strict=True))
+        policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
+        trained = list(zip(runs, policies, strict=True))
         for run, policy in tracked(trained, context.on_stage, f"{name}, audits", "policies"):
             for angle in served[run.angle]:
                 turned = policy.at(angle) if hasattr(policy, "at") else policy
@@ -177,8 +171,7 @@ def curves_of(rows: Sequence[Row]) -> tuple[list[Row], list[Row], list[Row]]:
     curves = []
     breakdown = []
     audits = []
-    for key, group in groups(rows, "world", "method", "attacker", "case").items():
-        label: Row = dict(zip(("world", "method", "attacker", "case"), key, strict=True))
+    for label, group in labelled(rows, "world", "method", "attacker", "case"):
         for (share,), at_share in groups(group, "share").items():
             row: Row = {"share": share}
             for name in MEASURES:
@@ -241,57 +234,3 @@ def _summary(curves: list[Row], breakdown: list[Row], audits: list[Row]) -> dict
         for (world,), of_world in groups(audits, "world").items()
     }
     return summary | {"audits": counted}
-
-
-_STEERED = ("iq_learn", "thesis", "dial_offline", "clone_weighted", "clone_of_best")
-_MIXED = ("iq_learn", "shifted_chi2", "trimmed", "medians", "ciql", "ril_co", "ileed")
-FIGURES = {
-    "curves": (
-        (
-            GRID,
-            "regret",
-            "One forged episode in twenty is enough, unless labels are computed again",
-        ),
-        (*_STEERED, "shifted_chi2", "clone"),
-    ),
-    "robust": (
-        (GRID, "regret", "Robust objectives and the field's learners exceed the margin (dashed)"),
-        ("iq_learn", "shifted_chi2", "trimmed", "medians", "ciql", "ril_co", "ileed"),
-    ),
-    "intersection": (
-        (ROAD, "collision", "Intersection: forged labels that are believed cost collisions"),
-        _STEERED,
-    ),
-}
-"""By name: world, measure and title, and the methods."""
-
-
-def draw_figures(results: Results) -> dict[str, Figure]:
-    """Draw curves over the share of the hater's episodes, a panel for each case of labels."""
-    drawn = {}
-    for name, ((world, measure, title), methods) in FIGURES.items():
-        shown = {"world": world, "attacker": "hater", "method": methods}
-        rows = where(results.tables["curves"], shown)
-        drawn |= {name: _drawn(rows, measure, title, methods)} if rows else {}
-    return drawn
-
-
-def _drawn(rows: Sequence[Row], measure: str, title: str, methods: Sequence[str]) -> Figure:
-    figure = style.figure(10.0, 4.2)
-    panels = figure.subplots(1, 3, sharey=True)
-    titles = ("honest labels", "forged labels, believed", "forged labels, computed again")
-    unit, what = (1, "mean regret") if measure == "regret" else (100, "collisions, %,")
-    for axes, case, heading in zip(panels, CASES, titles, strict=True):
-        for (name,), of_method in groups(matching(rows, case=case), "method").items():
-            number = methods.index(name)
-            shares = [100 * row["share"] for row in of_method]
-            look = {"color": f"C{number}", "marker": "osv^D*Px"[number], "markersize": 4}
-            values = [unit * value for value in column(of_method, measure)]
-            axes.plot(shares, values, label=METHODS[name].label, **look)
-        if measure == "regret":
-            axes.axhline(MARGIN, color="#6e6e6e", linestyle="--", linewidth=0.8)
-        words: dict[str, Any] = {"xlabel": "malicious episodes, %"}
-        words |= {"ylabel": f"{what} at 0°, 45°, 90°"} if case == CASES[0] else {}
-        style.finish(axes, heading, **words)
-    style.head(figure, title, legend=True)
-    return figure

@@ -4,26 +4,24 @@ Three dials: that of Eq 4.2 and that of caused effects, which never met their li
 the second one improved in fleets that it drives against itself.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.population import fleet, norms
 from socialiq.population.crossing_game import CrossingGame, Payoffs
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.storage import write_atomically
-from socialiq.types import Row
-from socialiq.worlds.highway.world import RoadWorld
+from socialiq.types import Policy, Row
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
-from socialiq_lab.intersection.driving import DIAL, Shipped, copy_shipped, seeds_of_blocks
-from socialiq_lab.intersection.training import iteration_runs, train_dial_by_iteration
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.intersection.driving import DIAL, seeds_of_blocks, shipped_dials
+from socialiq_lab.intersection.training import first_dial, iteration_jobs
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 from socialiq_lab.study import Context, Findings
 
 SHIPPED = {
@@ -32,148 +30,72 @@ SHIPPED = {
 }
 """Committed dials, which were trained alone among rule-bound traffic."""
 SELF_PLAY = "self-play"
-START = "start"
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
-
-    Training seed 0 and episodes from 7,000,000 on were used in development.
-    """
-
-    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    agents: int = 8
-    invaders: int = 1
-    spawn_probabilities: tuple[float, ...] = (0.6, 0.2)
-    """Densities of the rule-bound traffic; invaders drive in the first."""
-    rules: tuple[str, ...] = ("idm", "gap_3s", "go")
-    """Rule-based drivers of a fleet each."""
-    seeds: tuple[int, ...] = (501, 502)
-    """Training seeds of self-play."""
-    updates: int = 10_000
-    states_per_update: int = 32
-    episodes: int = 150  # of each block
-    blocks: tuple[int, ...] = (86_000_000, 87_000_000, 88_000_000, 89_000_000)
-    """First seeds of the blocks of evaluation episodes."""
-    temperatures: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5)
-    """Of the exact game."""
-    minima: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0)
-    """Mandated angles in the exact game."""
-    obeyed: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
-    """Shares of the drivers who obey."""
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        check_counts(self, ("agents", "invaders", "updates", "states_per_update", "episodes"))
-
-    @property
-    def episode_seeds(self) -> tuple[int, ...]:
-        """Seed of each evaluation episode, of all blocks."""
-        return seeds_of_blocks(self.blocks, self.episodes)
+FLEETS = "fleets.csv"
+INVASIONS = "invasions.csv"
+"""Files of a job."""
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """Configuration of the fleets of one dial in traffic of one density."""
+    """Configuration of the fleets of one dial, or of rules, in traffic of one density."""
 
-    angles: tuple[float, ...]
-    agents: int
-    invaders: int  # 0: only fleets of one angle
-    spawn_probability: float
-    seeds: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class RuleFleets:
-    """Configuration of the fleets of rules in traffic of one density."""
-
-    rules: tuple[str, ...]
     agents: int
     spawn_probability: float
     seeds: tuple[int, ...]
+    angles: tuple[float, ...] = ()
+    rules: tuple[str, ...] = ()
+    invaders: int = 0  # 0: only fleets of one driver
 
 
-def meet(
-    config: Meeting, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Drive fleets of a dial at each angle, and invaders among them; write their rows.
+def meet(config: Meeting, folder: Path, inputs: Inputs, _on_progress: ProgressCallback) -> None:
+    """Drive fleets of a dial at each angle or of each rule, and invaders among them.
 
     Args:
-        config: Angles, numbers of agents and invaders, density of traffic, and seeds.
+        config: Drivers, numbers of agents and invaders, density of traffic, and seeds.
         folder: Folder of the job, to which the rows are written.
-        inputs: Folder of the job that makes the dial.
+        inputs: Folder of the job that makes the dial; empty for rules.
     """
-    (trained,) = inputs.values()
-    dial = DialPolicy.load(trained / DIAL)
-    world = world_of(config)
+    traffic: dict[str, Any] = {"spawn_probability": config.spawn_probability}
+    world = make_fleet(agents=config.agents, duration=fleet.DURATION, **traffic)
     seeds = np.array(config.seeds)
-    drivers = {angle: dial.at(angle) for angle in config.angles}
+    drivers: dict[Any, Policy] = {name: policy(name) for name in config.rules}
+    for trained in inputs.values():
+        dial = DialPolicy.load(trained / DIAL)
+        drivers |= {angle: dial.at(angle) for angle in config.angles}
+    kind = "rule" if config.rules else "angle"
     uniform = fleet.uniform_fleets(world, drivers, seeds)
-    rows = [{"angle": angle, **fleet.summary(group, 0)} for angle, group in uniform.items()]
-    write_atomically(folder / "fleets.csv", as_csv(rows))
+    rows = [{kind: driver, **fleet.summary(group, 0)} for driver, group in uniform.items()]
+    write_atomically(folder / FLEETS, as_csv(rows))
     if config.invaders:
         invasions = fleet.invasions(world, drivers, uniform, seeds, config.invaders, 0)
-        write_atomically(folder / "invasions.csv", as_csv(list(invasions)))
+        write_atomically(folder / INVASIONS, as_csv(list(invasions)))
 
 
-def drive_rules(
-    config: RuleFleets, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
-    """Drive a fleet of each rule; write their rows.
-
-    Args:
-        config: Names of the rules, number of agents, density of traffic, and seeds.
-        folder: Folder of the job, to which the rows are written.
-    """
-    world = world_of(config)
-    everybody = np.zeros((len(config.seeds), config.agents), np.int64)
-    rows = [
-        {"rule": name}
-        | fleet.summary(fleet.drive(world, [policy(name)], everybody, config.seeds), 0)
-        for name in config.rules
-    ]
-    write_atomically(folder / "rules.csv", as_csv(rows))
-
-
-def world_of(config: Meeting | RuleFleets) -> RoadWorld:
-    """Return the intersection of some fleets."""
-    traffic: dict[str, Any] = {"spawn_probability": config.spawn_probability}
-    return make_fleet(agents=config.agents, duration=fleet.DURATION, **traffic)
-
-
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return the jobs: train by self-play, and drive every dial in each density."""
-    listed = [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in SHIPPED.items()]
-    for run in iteration_runs(config, first_rounds=2, times=1, agents=config.agents):
-        name = f"training/{run.numbers.seed}"
-        inputs = ("dials/effects",)
-        listed.append(Job(name, train_dial_by_iteration, run, inputs, 900.0))
-    for name, source in _dials(config):
-        for number, spawn_probability in enumerate(config.spawn_probabilities):
-            invaders = 0 if number or name not in (*SHIPPED, _first(config)) else config.invaders
-            meeting = Meeting(
-                config.angles, config.agents, invaders, spawn_probability, config.episode_seeds
-            )
-            cost = 60.0 * (len(config.angles) if invaders else 1)
-            listed.append(Job(f"meetings/{name}/{number}", meet, meeting, (source,), cost))
+    seeds = seeds_of_blocks(config.blocks, config.episodes)
+    listed = shipped_dials(SHIPPED)
+    listed += iteration_jobs(config, "dials/effects", 2, 1, 900.0, agents=config.agents)
     for number, spawn_probability in enumerate(config.spawn_probabilities):
-        run = RuleFleets(config.rules, config.agents, spawn_probability, config.episode_seeds)
-        listed.append(Job(f"rules/{number}", drive_rules, run, (), 30.0))
+        meeting = Meeting(config.agents, spawn_probability, seeds)
+        for name, source in _dials(config):
+            invades = not number and name in (*SHIPPED, f"{SELF_PLAY} {config.seeds[0]}")
+            invaders = config.invaders if invades else 0
+            run = replace(meeting, angles=config.angles, invaders=invaders)
+            cost = 60.0 * (len(config.angles) if invaders else 1)
+            listed.append(Job(f"meetings/{name}/{number}", meet, run, (source,), cost))
+        run = replace(meeting, rules=config.rules)
+        listed.append(Job(f"rules/{number}", meet, run, (), 30.0))
     return listed
 
 
-def _first(config: Config) -> str:
-    return f"{SELF_PLAY} {config.seeds[0]}"
-
-
-def _dials(config: Config) -> list[tuple[str, str]]:
+def _dials(config: Any) -> list[tuple[str, str]]:
     """Return the name of each dial, and of the job that makes it."""
     trained = [(f"{SELF_PLAY} {seed}", f"training/{seed}") for seed in config.seeds]
     return [*((name, f"dials/{name}") for name in SHIPPED), *trained]
 
 
-def compute_tables(config: Config, context: Context) -> Findings:
+def compute_tables(config: Any, context: Context) -> Findings:
     """Return fleets and invasions of every dial, the exact game, and where mandates end.
 
     Args:
@@ -190,13 +112,13 @@ def compute_tables(config: Config, context: Context) -> Findings:
         for number, spawn_probability in enumerate(config.spawn_probabilities):
             folder = context.work / "meetings" / name / str(number)
             label = {"dial": name, "spawn_probability": spawn_probability}
-            fleets += [label | row for row in from_csv(folder / "fleets.csv")]
-            if (folder / "invasions.csv").is_file():
-                invasions += [label | row for row in from_csv(folder / "invasions.csv")]
+            fleets += [label | row for row in from_csv(folder / FLEETS)]
+            if (folder / INVASIONS).is_file():
+                invasions += [label | row for row in from_csv(folder / INVASIONS)]
     rules = [
         {"spawn_probability": spawn_probability, **row}
         for number, spawn_probability in enumerate(config.spawn_probabilities)
-        for row in from_csv(context.work / "rules" / str(number) / "rules.csv")
+        for row in from_csv(context.work / "rules" / str(number) / FLEETS)
     ]
     game = list[Row]()
     mandates = list[Row]()
@@ -225,11 +147,10 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "game": game,
         "mandates": mandates,
     }
-    shipped = (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()
-    return Findings(tables, summary, {DIAL: shipped})
+    return Findings(tables, summary, first_dial(config, context))
 
 
-def game_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
+def game_rows(config: Any, payoffs: Payoffs) -> Iterator[Row]:
     """Yield the payoff of an angle among its like, and the best invader's gain.
 
     Args:
@@ -255,7 +176,7 @@ def game_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
         }
 
 
-def mandate_rows(config: Config, payoffs: Payoffs) -> Iterator[Row]:
+def mandate_rows(config: Any, payoffs: Payoffs) -> Iterator[Row]:
     """Yield where each mandated minimum ends, by the share of the drivers that obey.
 
     Args:

@@ -2,8 +2,7 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,13 @@ from socialiq.evaluation.measures import Episodes
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.dial.offline import STAGES
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Memoryless, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
-from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, callbacks_of
 from socialiq_recordings.readers import import_file
 from socialiq_recordings.world.build import build
 from socialiq_recordings.world.config import WorldConfig
@@ -46,49 +44,25 @@ _KIND = "study-recorded-junction"
 _VERSION = 2
 
 
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results.
+def check(config: Any) -> None:
+    """Refuse settings that name no seed, or fewer than two angles."""
+    if not config.seeds or len(config.angles) < 2:
+        raise UserError("name at least one training seed and two angles")
 
-    The recordings are not part of the package. Training seeds 100 to 199 and episodes from
-    50,000,000 on were used in development.
+
+def contents(config: Any) -> dict[str, str]:
+    """Return the SHA-256 of each scenario by its file's name.
+
+    Raises:
+        UserError: If no file matches.
     """
-
-    recordings: str = "commonroad"  # folder of the CommonRoad scenarios
-    files: str = "USA_Lanker*.xml"  # pattern of the files: the scenarios of one junction
-    seeds: tuple[int, ...] = (2106, 2107, 2108)
-    angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    """Angles at which dials are driven, in degrees."""
-    every: float = 0.2  # seconds between the beginnings of a recorded vehicle's episodes
-    practice: Practice = field(default_factory=lambda: Practice(5))
-    """Practice of the mixture that has it."""
-    structure: OfflineDialConfig = field(
-        default_factory=lambda: OfflineDialConfig(updates=1500, view="set_ahead")
-    )
-    """Static config of the dials, without the length of an episode, which is the world's."""
-    numbers: OfflineDialHyperparameters = field(default_factory=OfflineDialHyperparameters)
-    episodes: int = 400  # evaluation episodes of each driver, common to all
-    first_episode: int = 66_000_000  # seed of the first evaluation episode
-
-    def __post_init__(self) -> None:
-        """Refuse empty sizes."""
-        if not self.seeds or len(self.angles) < 2:
-            raise UserError("name at least one training seed and two angles")
-        check_counts(self, ("episodes",))
-
-    def contents(self) -> dict[str, str]:
-        """Return the SHA-256 of each scenario by its file's name.
-
-        Raises:
-            UserError: If no file matches.
-        """
-        paths = sorted(Path(self.recordings).glob(self.files))
-        if not paths:
-            raise UserError(
-                f"no file {self.files} in {self.recordings}: name the folder of the CommonRoad "
-                "scenarios with --recordings"
-            )
-        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    paths = sorted(Path(config.recordings).glob(config.files))
+    if not paths:
+        raise UserError(
+            f"no file {config.files} in {config.recordings}: name the folder of the CommonRoad "
+            "scenarios with --recordings"
+        )
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
 @dataclass(frozen=True)
@@ -122,9 +96,9 @@ class Driving:
     first_episode: int
 
 
-def jobs(config: Config) -> list[Job]:
+def jobs(config: Any) -> list[Job]:
     """Return every job, each after its inputs."""
-    made = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
+    made = Made(str(Path(config.recordings).absolute()), contents(config), config.every)
     episodes = config.episodes, config.first_episode
     planned = [
         Job("world", make_world, made, cost=30.0),
@@ -146,9 +120,7 @@ def slug(mixture: str) -> str:
     return mixture.replace(",", "").replace(" ", "-")
 
 
-def make_world(
-    config: Made, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
+def make_world(config: Made, folder: Path, _inputs: Inputs, _on_progress: ProgressCallback) -> None:
     """Make the world and the recorded drivers' demonstrations.
 
     Args:
@@ -162,9 +134,7 @@ def make_world(
     tables.save(folder / HUMAN, replay(built.world, config.every).table, replace=True)
 
 
-def train(
-    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def train(config: Training, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Train a dial and a clone for each seed; the clone is the dial's behaviour policy.
 
     Args:
@@ -202,9 +172,7 @@ def train(
         clone.save(folder / f"clone_{seed}.safetensors")
 
 
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], _on_progress: ProgressCallback
-) -> None:
+def drive(config: Driving, folder: Path, inputs: Inputs, _on_progress: ProgressCallback) -> None:
     """Drive the dials and clones of a mixture, or else calibrated and planted drivers.
 
     Args:

@@ -12,7 +12,6 @@ from scipy.stats import mannwhitneyu
 
 from socialiq.evaluation.episodes import episodes_of, outcome_row
 from socialiq.evaluation.simulate import Watched, observations_of
-from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.unlikeness import USUAL_RATE, Unlikeness
@@ -112,7 +111,6 @@ def compute_tables(config: Any, context: Context) -> Findings:
     Returns:
         Tables `separation` and `fallback`, and the shares of false alarms by angle as summary.
     """
-    check_counts(config, ("episodes",))
     dials = [DialPolicy.load(packaged_results() / name) for name in config.dials]
     blocks = np.array(config.blocks)[:, None] + np.arange(config.episodes)
     separation = list[Row]()

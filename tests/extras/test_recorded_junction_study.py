@@ -14,8 +14,9 @@ from socialiq.audit.evidence.outcomes import Reference
 from socialiq.demonstrations import files
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
+from socialiq_lab.registry import find
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from studies.recorded_junction_practice.work import HUMAN, WORLD, Config, Made, make_world, rules
+from studies.recorded_junction_practice.work import HUMAN, WORLD, Made, contents, make_world, rules
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 pytestmark = [
@@ -28,8 +29,8 @@ pytestmark = [
 def test_world_demonstrations_and_rules_are_those_of_the_results(tmp_path: Path) -> None:
     """Counts are equal, and so is what rules earn: they are discrete, without a network."""
     committed = store.load(packaged_results() / "recorded-junction-practice")
-    config = Config(recordings=FOLDER)
-    make_world(Made(FOLDER, config.contents(), config.every), tmp_path, {}, lambda _share: None)
+    config = find("recorded-junction-practice").Config(recordings=FOLDER)
+    make_world(Made(FOLDER, contents(config), config.every), tmp_path, {}, lambda _share: None)
     world = RecordedWorld.load(tmp_path / WORLD)
     counts = {key: committed.summary[key] for key in ("vehicles", "egos", "closures")}
     assert {key: world.provenance[key] for key in counts} == counts

@@ -286,7 +286,8 @@ def test_the_offline_tests_follow_from_the_values(committed):
     """Every difference and verdict, from the values of the policies."""
     results = committed["intersection-offline"]
     names = ("seeds", "angles", "methods", "method_angles")
-    config = offline.Config(**{name: tuple(results.config[name]) for name in names})
+    settings = {name: tuple(results.config[name]) for name in names}
+    config = find("intersection-offline").Config(**settings)
     again = offline.compared(config, results.tables["policies"])
     for name in ("differences", "forms"):
         for ours, theirs in zip(again[name], results.tables[name], strict=True):

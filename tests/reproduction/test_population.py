@@ -6,8 +6,9 @@ from socialiq import results_folder as store
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.population.crossing_game import CrossingGame
 from socialiq.storage import packaged_results
+from socialiq_lab.registry import find
 from socialiq_lab.tables import matching
-from studies.population.study import Config, game_rows, mandate_rows
+from studies.population.study import game_rows, mandate_rows
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +17,7 @@ def tables():
 
 
 def test_the_exact_game_is_equal_again(tables):
-    config = Config()
+    config = find("population").Config()
     payoffs = CrossingGame(0.5).payoffs(config.angles)
     for name, fresh in (
         ("game", game_rows(config, payoffs)),

@@ -30,7 +30,7 @@ from socialiq import QPolicy, RewardPair, score, weights
 from socialiq.learners import expert_table, settings
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.types import Transitions
-from studies.compare_methods.baselines import shared
+from socialiq_lab import baselines as shared
 
 
 class ConditionedClone(shared.Baseline):

@@ -34,7 +34,7 @@ from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.state import Runs, stack
 from socialiq.nn.q_network import QNetwork
-from studies.compare_methods.baselines import shared
+from socialiq_lab import baselines as shared
 
 LARGEST_WEIGHT = 100.0  # bound of IQL's exp(β (Q - V)), as in the paper
 

@@ -24,13 +24,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from socialiq import Ending, QPolicy, RewardPair, score
+from socialiq import Ending, RewardPair, score
 from socialiq.learners import collect, expert_table, settings
 from socialiq.learners.iq_learn import config, losses
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Act, Transitions
-from studies.compare_methods.baselines import shared
+from socialiq_lab import baselines as shared
 
 
 @dataclass(frozen=True)
@@ -97,15 +97,10 @@ class TREXConfig(config.IQLearnConfig):
     pairs: settings.Count = 8  # pairs of episodes of an update
 
 
-class TREXNetworks(eqx.Module):
+class TREXNetworks(shared.ActingByValues):
     """Q(s, ·), which acts, and the learned reward r(s, ·)."""
 
-    values: QNetwork
     reward: QNetwork
-
-    def __call__(self, observation: Array) -> Array:
-        """Return Q of one observation."""
-        return self.values(observation)
 
 
 class TREXRows(NamedTuple):
@@ -115,7 +110,7 @@ class TREXRows(NamedTuple):
     pairs: shared.Pairs
 
 
-class TREX(IQLearn):
+class TREX(shared.ValuesLearner):
     """Reward from ranks of pairs of `episodes`, and soft Q-learning on it."""
 
     episodes: Any = None
@@ -171,26 +166,14 @@ class TREX(IQLearn):
         """
         rows = batch.replay
         run = hyperparameters
-        follows = shared.soft_continuation(target_network.values, rows, run, self.static.endings)
         reward = shared.of_taken(jax.vmap(network.reward)(rows.observation), rows.action)
-        target = run.strength * reward + run.discount * follows
-        q = shared.of_taken(jax.vmap(network.values)(rows.observation), rows.action)
+        scaled = run.strength * reward
         terms = {
             "ranks": shared.preference_loss(network.reward, batch.pairs),
-            "bellman": jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2,
+            "bellman": self.bellman_error(network, target_network, rows, scaled, run),
         }
         total = terms["ranks"] + terms["bellman"]
         return total, terms | {"loss": total}
-
-    def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
-        """Return the policy of Q.
-
-        Args:
-            hyperparameters: Numbers of the run.
-            state: State of the run, with the trained networks.
-        """
-        record = self.record(hyperparameters)
-        return QPolicy.of(state.network.values, hyperparameters.temperature, record)
 
 
 class Inferred(NamedTuple):

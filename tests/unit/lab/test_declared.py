@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners.dial.config import INTERSECTION
 from socialiq.results_folder import Results
 from socialiq.settings import assignments, changed
 from socialiq_lab import registry
@@ -89,6 +90,44 @@ def test_a_setting_may_list_the_names_of_declared_tables():
     assert config_class("a-study", content)().methods == ("b", "a, longer")
     with pytest.raises(UserError, match="methods must be a list of equal types, and not empty"):
         config_class("a-study", {"config": {"methods": "$method"}})
+
+
+def test_a_setting_may_be_a_dataclass_of_this_project_with_other_values():
+    content = tomllib.loads(
+        """
+counts = ["updates"]
+[config]
+dial = { of = "socialiq.learners.dial.config:DialConfig", hidden = [8] }
+learner = { of = "socialiq.learners.iq_learn.config:IQLearnConfig", endings.timeout = "bootstrap" }
+preset = { of = "socialiq.learners.dial.config:INTERSECTION.numbers", seed = 3 }
+rule = { of = "socialiq_lab.intersection.driving:Shipped", file = "a" }
+updates = 5
+"""
+    )
+    config = config_class("a-study", content)()
+    assert config.dial.hidden == (8,) and config.learner.endings.timeout == "bootstrap"
+    assert config.preset == dataclasses.replace(INTERSECTION.numbers, seed=3)
+    assert config.rule.file == "a"
+    assert changed(config, {"dial": {"hidden": [4]}}).dial.hidden == (4,)
+    with pytest.raises(UserError, match="updates must be at least 1, got 0"):
+        changed(config, {"updates": 0})
+
+
+def test_settings_that_do_not_fit_together_are_refused_by_the_study():
+    def check(config):
+        raise UserError(f"{config.updates} are too few")
+
+    with pytest.raises(UserError, match="5 are too few"):
+        config_class("a-study", {"config": {"updates": 5}}, check)()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["os:system", "socialiq.nowhere:Config", "socialiq.errors:one_of", "socialiq.errors:two_of"],
+)
+def test_a_setting_of_anything_else_is_refused(name):
+    with pytest.raises(UserError, match="value must be a dataclass of socialiq"):
+        config_class("a-study", {"config": {"value": {"of": name}}})
 
 
 def test_a_declaration_without_settings_is_refused():

@@ -12,10 +12,10 @@ from socialiq.audit.profile.profile import Clip
 from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import decide
 from socialiq.statistics.intervals import clopper_pearson
+from socialiq_lab.audit_arena import default_declaration
 from studies.audit_angles.drivers import Driven, drive_optima, mixtures, rash
 from studies.audit_angles.study import (
     Audits,
-    declaration,
     harmful,
     most_events,
     resampled,
@@ -89,8 +89,8 @@ def test_the_largest_number_of_events():
 
 
 def test_a_default_declaration_has_a_clip_or_a_largest_loss():
-    assert declaration("intersection", 0.0).clip == Clip((-8.0, 12.0), (-12.0, 12.0))
-    assert declaration("crossing5", 0.0).largest_loss == 26.01
+    assert default_declaration("intersection", 0.0).clip == Clip((-8.0, 12.0), (-12.0, 12.0))
+    assert default_declaration("crossing5", 0.0).largest_loss == 26.01
 
 
 def test_a_mixture_draws_one_of_two_for_each_episode(pool):

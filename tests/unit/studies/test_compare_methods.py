@@ -18,6 +18,7 @@ from socialiq.learners.iq_learn import config as presets
 from socialiq.plotting.style import png
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
+from socialiq_lab.baselines import totals_of
 from socialiq_lab.comparison import cells_of, product, setting_name
 from socialiq_lab.comparison_runs import Arena, Run, best_episodes, trained
 from socialiq_lab.comparison_tables import chances, rows_of
@@ -30,7 +31,6 @@ from socialiq_lab.jobs import fingerprints
 from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.compare_methods import intersection, learners, study
-from studies.compare_methods.baselines.shared import totals_of
 from studies.compare_methods.intersection import METHODS
 from studies.compare_methods.learners import LEARNERS
 from studies.compare_methods.study import ANGLES, TOLD, updates_of

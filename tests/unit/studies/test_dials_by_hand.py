@@ -11,6 +11,7 @@ from socialiq.results_folder import Results
 from socialiq.social.angle import exact_weights
 from socialiq.types import Ending
 from socialiq_lab.intersection.rows import backward_steps, points_of, value_at
+from socialiq_lab.registry import find
 from studies.intersection import study as intersection
 from studies.intersection_continuous import study as continuous
 from studies.intersection_dial import study as dials
@@ -44,20 +45,20 @@ def test_backward_steps_are_the_largest_in_the_wrong_direction(totals, rise, dro
     }
 
 
-CONFIG = dials.Config(
+CONFIG = find("intersection-dial").Config(
     seeds=(1, 2), key_angles=(0.0, 90.0), turned=(0.0, 45.0, 90.0), families=("agents", "dial")
 )
 
 
 def test_agents_drive_at_the_key_angles_alone_and_few_dials_plan():
-    cells = list(CONFIG.cells())
+    cells = list(dials.cells(CONFIG))
     assert [(seed, family) for seed, family, _ in cells] == [
         (1, "agents"), (1, "dial"), (2, "agents"), (2, "dial"),
     ]  # fmt: skip
     assert cells[0][2] == CONFIG.key_angles and cells[1][2] == CONFIG.turned
     families = ("timed", "planned", "foresight")
     more = dataclasses.replace(CONFIG, families=families, planned_seeds=1)
-    assert [family for seed, family, _ in more.cells() if seed == 2] == ["timed"]
+    assert [family for seed, family, _ in dials.cells(more) if seed == 2] == ["timed"]
 
 
 def test_jobs_stand_after_their_inputs_and_agents_have_one_angle():
@@ -118,7 +119,7 @@ def test_the_summary_has_means_over_seeds():
     )
 
 
-OFFLINE = offline.Config(
+OFFLINE = find("intersection-offline").Config(
     seeds=(1, 2, 3),
     angles=(0.0,),
     method_angles=(0.0,),

@@ -19,21 +19,20 @@ from socialiq_lab.registry import find
 from socialiq_lab.study import run
 from studies.intersection_dial.study import (
     ABLATIONS,
-    DIAL_NUMBERS,
-    DIAL_STRUCTURE,
     FAMILIES,
-    Config,
     known_policies,
+    recipe_of,
 )
 
 STUDY = find("intersection-dial")
+Config = STUDY.Config
 
 TINY = Config(
     seeds=(0, 1),
     key_angles=(0.0, 90.0),
     turned=(0.0, 45.0, 90.0),
     structure=dataclasses.replace(
-        DIAL_STRUCTURE,
+        Config().structure,
         view="flat",
         hidden=(8,),
         updates=30,
@@ -117,7 +116,7 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
 
 def test_environments_divide_the_range_among_them() -> None:
     rng = np.random.default_rng(0)
-    structure = dataclasses.replace(DIAL_STRUCTURE, margin=0.0)
+    structure = dataclasses.replace(Config().structure, margin=0.0)
     directions = stratified(structure, 9, rng)
     angles = [angle_of(float(x), float(y)) for x, y in zip(*directions, strict=True)]
     assert [int(angle // 10) for angle in angles] == list(range(9))
@@ -133,7 +132,7 @@ def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
         Config(agent_updates=0)
     with pytest.raises(UserError, match="at least one training seed"):
         Config(seeds=())
-    assert DIAL_NUMBERS.discount < 1.0
+    assert Config().numbers.discount < 1.0
 
 
 TIMED = dataclasses.replace(
@@ -196,7 +195,7 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
 
 @pytest.mark.parametrize("family", [name for name in FAMILIES if name in ABLATIONS])
 def test_every_ablation_changes_what_it_names(family) -> None:
-    full, one = TIMED.recipe_of("short"), TIMED.recipe_of(family)
+    full, one = recipe_of(TIMED, "short"), recipe_of(TIMED, family)
     both = {**vars(one[0]), **vars(one[1])}
     before = {**vars(full[0]), **vars(full[1])}
     declared = {

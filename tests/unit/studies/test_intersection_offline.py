@@ -16,13 +16,14 @@ from studies.intersection_offline.study import (
     DEMONSTRATOR,
     METHODS,
     OWN,
-    Config,
     jobs,
+    program_of,
     runs_of,
     verdict,
 )
 
 STUDY = find("intersection-offline")
+Config = STUDY.Config
 
 DRIVEN = (
     "clone weighted by R(α)",
@@ -124,8 +125,8 @@ def test_a_loss_is_called_one_without_adjustment() -> None:
 
 def test_seeds_may_be_trained_apart() -> None:
     alone = dataclasses.replace(TINY, together=1)
-    assert [TINY.program(seed) for seed in (0, 1)] == [(0, 1), (0, 1)]
-    assert [alone.program(seed) for seed in (0, 1)] == [(0,), (1,)]
+    assert [program_of(TINY, seed) for seed in (0, 1)] == [(0, 1), (0, 1)]
+    assert [program_of(alone, seed) for seed in (0, 1)] == [(0,), (1,)]
     names = [job.name for job in jobs(alone)]
     assert len(set(names)) == len(names) and "dials/1" in names
 

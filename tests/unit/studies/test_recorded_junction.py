@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from studies.recorded_junction_practice.work import Config, Rule, blocked
+from socialiq_lab.registry import find
+from studies.recorded_junction_practice.work import Rule, blocked, contents
 
+Config = find("recorded-junction-practice").Config
 LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
 
 
@@ -41,7 +43,7 @@ def test_who_stands_holds():
 
 def test_options_that_make_no_study_are_refused(tmp_path):
     with pytest.raises(UserError, match="name the folder of the CommonRoad scenarios"):
-        Config(recordings=str(tmp_path)).contents()
+        contents(Config(recordings=str(tmp_path)))
     with pytest.raises(UserError, match="two angles"):
         Config(angles=(0.0,))
     with pytest.raises(UserError, match="episodes"):

@@ -13,6 +13,7 @@ from socialiq.evaluation.rollout import MODES
 from socialiq.results_folder import Results
 from socialiq.types import Ending
 from socialiq_lab.declared import State
+from socialiq_lab.registry import find
 from socialiq_lab.tables import options_name
 from studies.audit_power import power
 from studies.audits import study as audits
@@ -201,8 +202,6 @@ def test_the_spread_over_groups_of_episodes_is_that_of_their_shares():
 @pytest.fixture
 def plan_config():
     """Settings of the intersection study, one seed more than an ablation."""
-    from socialiq_lab.registry import find
-
     config = find("intersection").Config()
     return dataclasses.replace(config, seeds=(1, 2), ablation_seeds=(1,), highway_episodes=0)
 
@@ -238,11 +237,11 @@ def test_a_part_alone_has_its_jobs_beside_the_main_ones(plan_config):
     main = names("main")
     assert len([name for name in main if name.startswith("learners/")]) == 3 * 4 * 2
     views = names("main", "views") - main
-    assert len(views) == 2 * len(intersection.VIEWS)  # each is trained and driven
+    assert len(views) == 2 * 8  # each is trained and driven
     targets = [name for name in names("targets") - main if not name.startswith("evaluation")]
     # Without a prior the kind of target means nothing: there are no baselines of other kinds.
     baselines = [name for name in targets if "/baseline/" in name]
-    assert len(baselines) == len(intersection.TEMPERATURES) * len(intersection.ENDINGS)
+    assert len(baselines) == 4 * 2
     data = [name for name in names("data") - main if name.startswith("data/")]
     assert len(data) == 5 * 4
 
@@ -281,25 +280,29 @@ def test_the_main_table_of_continuous_actions_has_mean_and_spread_over_seeds():
 
 
 def test_every_program_of_continuous_actions_is_driven_and_learners_have_mixtures():
-    config = continuous.Config(seeds=(1,), learner_seeds=(2, 3), angles=(0.0, 90.0))
+    config = find("intersection-continuous").Config(
+        seeds=(1,), learner_seeds=(2, 3), angles=(0.0, 90.0)
+    )
     jobs = {job.name: job for job in continuous.jobs(config)}
     trained = [*continuous.POLICIES, *continuous.KINDS]
     assert all(f"evaluation/{name}" in jobs for name in trained)
     experts = jobs[continuous.EXPERTS].config.numbers
     assert [(run.angle, run.seed) for run in experts] == [(0.0, 78), (45.0, 78), (90.0, 78)]
-    baseline = jobs[continuous.BASELINE].config
+    baseline = jobs["learners/baseline"].config
     assert [(run.angle, run.seed) for run in baseline.numbers] == [(0.0, 2), (0.0, 3)]
     assert baseline.structure.prior == "none"
-    assert jobs[continuous.WEIGHTED].config.structure.weighted
-    assert not jobs[continuous.CLONES].config.structure.weighted
+    assert jobs["offline/weighted-cloning"].config.structure.weighted
+    assert not jobs["offline/cloning"].config.structure.weighted
     assert jobs[continuous.DISCRETE].config.structure.demonstrations is False
     dial = jobs[f"evaluation/{continuous.CONTINUOUS}"].config
     assert dial.angles == (0.0, 90.0) and dial.first_seed == config.first_episode
     with pytest.raises(UserError, match="at least one training seed"):
-        continuous.Config(learner_seeds=())
+        find("intersection-continuous").Config(learner_seeds=())
 
 
-OFFLINE = offline.Config(seeds=(1, 2, 3), angles=(0.0, 45.0), method_angles=(0.0,), together=2)
+OFFLINE = find("intersection-offline").Config(
+    seeds=(1, 2, 3), angles=(0.0, 45.0), method_angles=(0.0,), together=2
+)
 
 
 def test_each_method_of_offline_learning_says_how_it_is_trained():
@@ -373,7 +376,9 @@ def test_a_pair_of_methods_is_compared_over_the_seeds_of_both():
 
 def test_jobs_of_the_recorded_junction_practise_in_one_mixture_alone(tmp_path):
     (tmp_path / "USA_Lanker-1.xml").write_text("<a/>")
-    config = junction.Config(recordings=str(tmp_path), seeds=(1, 2), episodes=10)
+    config = find("recorded-junction-practice").Config(
+        recordings=str(tmp_path), seeds=(1, 2), episodes=10
+    )
     jobs = {job.name: job for job in junction.jobs(config)}
     names = ["recorded", "recorded-with-practice"]
     assert [name for name in jobs if name.startswith("dials/")] == [f"dials/{n}" for n in names]

@@ -51,6 +51,7 @@ class Method:
         worlds: Where it runs.
         soft: Whether its stochastic policy means something.
         peer: Library whose learner it is, run in a separate environment.
+        fixed: Settings of the learner that make the method.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Method:
     worlds: tuple[str, ...] = WORLDS
     soft: bool = True
     peer: str = ""
+    fixed: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def readouts(self) -> tuple[exact.Readout, ...]:
@@ -118,25 +120,6 @@ class Recipe:
         """Whether it acts in the environment."""
         return getattr(self.static, "online", False)
 
-    def changed(
-        self, static: Mapping[str, Any] | None = None, numbers: Any = None, **options: Any
-    ) -> Any:
-        """Return the recipe with other settings, as a table `[method.NAME]` declares them.
-
-        Args:
-            static: Changed fields of its static configuration.
-            numbers: Changed hyperparameters.
-            **options: Changed attributes of the recipe itself.
-
-        Returns:
-            A recipe of the same class.
-
-        Raises:
-            UserError: If a setting is unknown or has a wrong type.
-        """
-        settings = changed(self.static, static or {}), changed(self.numbers, numbers or {})
-        return dataclasses.replace(self, static=settings[0], numbers=settings[1], **options)
-
 
 def declared_recipes(
     declared: Mapping[str, Mapping[str, Any]], bases: Mapping[str, Any]
@@ -144,9 +127,9 @@ def declared_recipes(
     """Return recipes by name, each a change of another recipe.
 
     Args:
-        declared: Keywords of `Recipe.changed` by name. The key `of` names the recipe that is
-            changed: a base, or one that is declared before it. Without the key it is the base of
-            the same name.
+        declared: Changes of attributes by name; those of `static` and `numbers` are tables. The key
+            `of` names the recipe that is changed: a base, or one that is declared before it.
+            Without the key it is the base of the same name.
         bases: Recipes to begin with, by name.
 
     Returns:
@@ -155,7 +138,7 @@ def declared_recipes(
     recipes: dict[str, Any] = {}
     for name, changes in declared.items():
         options = {key: value for key, value in changes.items() if key != "of"}
-        recipes[name] = {**bases, **recipes}[changes.get("of", name)].changed(**options)
+        recipes[name] = changed({**bases, **recipes}[changes.get("of", name)], options)
     return recipes
 
 

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from socialiq import Demonstrations, RewardPair, score, weights
+from socialiq.evaluation.road_training import source_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.acting import dials, soft
@@ -21,9 +22,11 @@ from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Collector, Source
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
+from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.types import Act, Row
+from socialiq.worlds.intersection.options import Options
 from socialiq_lab.comparison import Method, Setting, nearest_mode, of_modes
 
 
@@ -185,6 +188,41 @@ class Arena:
         return label | {"updates_per_second": rate, "device": f"{kind}, JAX {jax.__version__}"}
 
 
+ENVIRONMENTS = 12
+"""Intersections side by side in which a learner acts."""
+
+
+def intersection_arena(
+    datasets: Sequence[Demonstrations],
+    updates: int,
+    on_report: Callable[[Report], None] | None,
+    hidden: tuple[int, ...] = (64, 64),
+    batch_size: int = 64,
+) -> Arena:
+    """Return the inputs of all methods at the intersection.
+
+    Args:
+        datasets: A mixture for each seed.
+        updates: Gradient steps of each network.
+        on_report: Progress callback.
+        hidden: Hidden layers of each network, over a view of the vehicles as a set.
+        batch_size: Rows of a batch.
+    """
+    static = presets.INTERSECTION_CALIBRATED
+    steps = updates * static.env_steps_per_update
+    shape = {"view": "set", "hidden": hidden, "batch_size": batch_size}
+    return Arena(
+        dataclasses.replace(static, **shape, replay_capacity=min(100_000, steps)),
+        dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3),
+        updates,
+        datasets,
+        None,
+        lambda steps: source_of(Options(), ENVIRONMENTS, -(-steps // Arena.chunk)),
+        on_report,
+        advantage="advantage_fitted",
+    )
+
+
 def _names(kind: type) -> set[str]:
     return {field.name for field in dataclasses.fields(kind)}
 
@@ -202,8 +240,9 @@ def shared_values(kind: type, source: Any) -> dict[str, Any]:
     return {name: getattr(source, name) for name in _names(kind) & _names(type(source))}
 
 
-Learner = Callable[[Arena, Sequence[Run]], list[Any]]
-"""Trains a policy for each run; one with `at` has a policy for each angle."""
+Learner = Callable[..., list[Any]]
+"""Trains a policy for each run, given an arena, the runs, and settings that make the method by
+their names; a policy with `at` has one for each angle."""
 
 
 def trained(learner: Learner, arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
@@ -219,7 +258,8 @@ def trained(learner: Learner, arena: Arena, method: Method, runs: Sequence[Run])
     Returns:
         A policy for each run.
     """
-    return learner(*arena.of_each_mode(runs)) if method.of_mode else learner(arena, runs)
+    inputs = arena.of_each_mode(runs) if method.of_mode else (arena, runs)
+    return learner(*inputs, **method.fixed)
 
 
 def in_programs(
@@ -243,16 +283,15 @@ def in_programs(
     return [policies[run] for run in range(len(settings))]
 
 
-def offline(learner: Any, **fixed: Any) -> Learner:
+def offline(learner: Any) -> Learner:
     """Return a function that trains a class of learners from demonstrations alone.
 
     Args:
-        learner: The class.
-        **fixed: Settings that make the method. The value "advantage" stands for the arena's kind of
-            advantage.
+        learner: The class. Among the settings that make the method the value "advantage" stands for
+            the arena's kind of advantage.
     """
 
-    def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+    def train(arena: Arena, runs: Sequence[Run], **fixed: Any) -> list[Any]:
         kinds = learner.StaticConfig, learner.Hyperparameters
         changes = {
             name: arena.advantage if value == "advantage" else value
@@ -303,19 +342,18 @@ def best_episodes_cloned(arena: Arena, runs: Sequence[Run]) -> list[Any]:
     return offline(BehaviourCloning)(dataclasses.replace(arena, datasets=datasets), of_best)
 
 
-def iq_learn(learner: Any = None, acts: bool = True, **fixed: Any) -> Learner:
+def iq_learn(learner: Any = None, acts: bool = True) -> Learner:
     """Return a function that trains IQ-Learn, or a class of learners derived from it.
 
     Args:
         learner: The derived class; None for IQ-Learn.
         acts: Whether it acts in the world.
-        **fixed: Settings that make the method.
 
     Returns:
         A learner of comparisons.
     """
 
-    def train(arena: Arena, runs: Sequence[Run]) -> list[Any]:
+    def train(arena: Arena, runs: Sequence[Run], **fixed: Any) -> list[Any]:
         world = arena.world if acts else None
 
         def program(static: Any, numbers: list[Any]) -> Any:

@@ -26,7 +26,7 @@ from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
 from socialiq_lab.comparison_runs import Arena
 from socialiq_lab.jobs import Job
-from socialiq_lab.tables import column, groups, matching, mean, metrics_of, spread
+from socialiq_lab.tables import column, groups, labelled, matching, mean, metrics_of, spread
 
 ROWS = "rows.csv"
 """File of a job: a row for each policy and angle."""
@@ -228,9 +228,9 @@ def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) ->
         empty.
     """
     pooled: list[Row] = []
-    for values, group in groups(rows, *keys).items():
+    for label, group in labelled(rows, *keys):
         metrics = exact.mean_of([metrics_of(row) for row in group])
-        row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)} | metrics._asdict()
+        row = label | {"seeds": len(group)} | metrics._asdict()
         for name in ("value", "regret"):
             ends: Mapping[str, Any] = dict.fromkeys(("mean", "low", "high"), "")
             if all(one_row[name] != "" for one_row in group):
@@ -251,8 +251,8 @@ def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
         A row for each combination of the keys. Regrets are empty where the optimum is unknown.
     """
     rows = []
-    for values, group in groups(pooled, *keys).items():
-        row = dict(zip(keys, values, strict=True)) | {"angles": len(group)}
+    for label, group in labelled(pooled, *keys):
+        row = label | {"angles": len(group)}
         row["value"] = mean(group, "value")
         has_regret = group[0]["regret"] != ""
         row["regret"] = mean(group, "regret") if has_regret else ""

@@ -1,25 +1,29 @@
 """Studies that a STUDY.toml declares, in its order: settings, trainings, tables, figures, views.
 
 `[config]` holds the settings and their defaults; in it "$method" stands for the names of all tables
-`[method.NAME]`. Elsewhere "$name" is the value of a setting, "$name.0" its first item, "{name}" its
-text, and "@field" in a label the field of a run. `[defaults]` holds what every `[[train]]` shares.
-docs/add-a-study.md explains the grammar.
+`[method.NAME]`, and a table with the key `of` for a dataclass of this project, or an instance, with
+other values. `counts` names the settings that must be at least 1. Elsewhere "$name" is the value of
+a setting, "$name.0" its first item, "{name}" its text, and "@field" in a label the field of a run.
+`[defaults]` holds what every `[[train]]` shares. docs/add-a-study.md explains the grammar.
 
 What has no grammar is a function in `study.py` of the same folder, named with "python": a prior,
-rows of a table, a summary, a figure or a view. A `study.py` that has a `Config`, `jobs` or
-`compute_tables` takes the place of `[config]` and `[[train]]`.
+rows of a table, a summary, a figure or a view. `check` there refuses settings that don't fit
+together; `jobs` or `compute_tables` takes the place of `[[train]]`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import itertools
+import operator
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from socialiq.errors import UserError, one_of
+from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq_lab import tables as table_operations
 from socialiq_lab.study import Context, Findings, Study, View
@@ -77,10 +81,9 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
     Raises:
         UserError: If `[config]` is missing, or a value in it has no plain type.
     """
-    config = getattr(module, "Config", None) or config_class(name, content)
     return Study(
         name,
-        config,
+        config_class(name, content, getattr(module, "check", None)),
         lambda config, context: _compute(content, module, config, context),
         lambda results: _figures(content, module, results),
         lambda results: _views(content, module, results),
@@ -89,8 +92,15 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
     )
 
 
-def config_class(name: str, content: Mapping[str, Any]) -> type[Any]:
+def config_class(
+    name: str, content: Mapping[str, Any], check: Callable[[Any], None] | None = None
+) -> type[Any]:
     """Return a frozen dataclass of the settings that a STUDY.toml declares.
+
+    Args:
+        name: Name of the study.
+        content: Content of the STUDY.toml.
+        check: Refuses values that don't fit together, after those of `counts` are checked.
 
     Raises:
         UserError: If `[config]` is missing, or the type of a value can't be told.
@@ -101,15 +111,53 @@ def config_class(name: str, content: Mapping[str, Any]) -> type[Any]:
     for key, value in content["config"].items():
         if isinstance(value, str) and value.startswith("$"):
             value = list(content.get(value[1:], ()))
+        if isinstance(value, Mapping) and "of" in value:
+            value = settings_of(f"{name}: {key}", **value)
         if isinstance(value, list):
             if not value or len({type(item) for item in value}) > 1:
                 raise UserError(f"{name}: {key} must be a list of equal types, and not empty")
             fields.append((key, tuple[type(value[0]), ...], tuple(value)))
-        elif isinstance(value, bool | int | float | str):
+        elif isinstance(value, bool | int | float | str) or dataclasses.is_dataclass(value):
             fields.append((key, type(value), value))
         else:
             raise UserError(f"{name}: {key} must be a number, a text, true, false or a list")
-    return dataclasses.make_dataclass("Config", fields, frozen=True)
+
+    def refuse(config: Any) -> None:
+        from socialiq.learners.settings import check_counts
+
+        check_counts(config, content.get("counts", ()))
+        if check is not None:
+            check(config)
+
+    namespace = {"__post_init__": refuse}
+    return dataclasses.make_dataclass("Config", fields, frozen=True, namespace=namespace)
+
+
+def settings_of(name: str, of: str, **changes: Any) -> Any:
+    """Return a dataclass of this project, or an instance, with other values.
+
+    Args:
+        name: Name of the value, for messages.
+        of: MODULE:NAME of the dataclass or the instance.
+        **changes: Values of its fields.
+
+    Raises:
+        UserError: If there is none of that name.
+    """
+    module, _, path = of.partition(":")
+    if module.split(".")[0] not in ("socialiq", "socialiq_lab", "socialiq_recordings"):
+        raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
+    try:
+        base = operator.attrgetter(path)(importlib.import_module(module))
+    except (ImportError, AttributeError) as error:
+        raise UserError(f"{name} must be a dataclass of socialiq, got {of}: {error}") from error
+    if not dataclasses.is_dataclass(base):
+        raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
+    if isinstance(base, type):
+        fields = dataclasses.fields(base)
+        needed = [field.name for field in fields if field.default is field.default_factory]
+        base = base(**{key: changes[key] for key in needed})  # they have neither: both are MISSING
+    return changed(base, changes)
 
 
 def resolved(value: Any, config: Any) -> Any:
@@ -238,10 +286,10 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
             if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "data":
                 value = {**below, **value}
             variant[key] = value
-        for values in _product(resolved(variant.pop("each", {}), config)):
+        for values in product_of(resolved(variant.pop("each", {}), config)):
             bound = SimpleNamespace(**dataclasses.asdict(config) | values)
             result = resolved(variant, bound)
-            result["runs"] = _product(result.get("runs", {}))
+            result["runs"] = product_of(result.get("runs", {}))
             for run, (name, of) in itertools.product(
                 result["runs"], result.get("reciprocal", {}).items()
             ):
@@ -254,8 +302,15 @@ def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
     return expanded
 
 
-def _product(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return every combination, the last name varying fastest; "modes" are the experts' angles."""
+def product_of(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return every combination of the columns' values, the last column varying fastest.
+
+    Args:
+        columns: List of values by column; "modes" stands for the experts' angles.
+
+    Raises:
+        UserError: If a column is no list.
+    """
     from socialiq.evaluation.rollout import MODES
 
     lists = [list(MODES.values()) if values == "modes" else values for values in columns.values()]

@@ -12,7 +12,7 @@ import queue
 import tempfile
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from socialiq import UserError
 from socialiq.evaluation.parts import available_cores
-from socialiq.learners.callbacks import Report, Stopped
+from socialiq.learners.callbacks import Stopped
 from socialiq.storage import write_atomically
-from socialiq_lab.jobs import Job, Progress, claimed, fingerprints, open_jobs
+from socialiq_lab.jobs import Job, Progress, StageCallback, claimed, fingerprints, open_jobs
 
 if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` need not wait for
     from distributed import Client, Future
@@ -83,7 +83,7 @@ def work_folder(path: Path | None) -> Iterator[Path]:
 def run_jobs(
     jobs: Sequence[Job],
     work: Path,
-    on_stage: Callable[[str], Callable[[Report], None] | None],
+    on_stage: StageCallback,
     processes: int = 0,
     cluster: str | None = None,
 ) -> None:
@@ -122,7 +122,7 @@ class _Call:
         jobs: Sequence[Job],
         still_open: Sequence[Job],
         work: Path,
-        on_stage: Callable[[str], Callable[[Report], None] | None],
+        on_stage: StageCallback,
     ) -> None:
         self.client = client
         self.work = work

@@ -1,7 +1,9 @@
 """Train many runs in an enumerable world and evaluate every one of them exactly."""
 
-import dataclasses
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +15,8 @@ from socialiq.evaluation.exact import Ground, Metrics
 from socialiq.evaluation.rollout import trajectory_datasets, transition_datasets
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.callbacks import Callbacks, Report
+from socialiq.learners.dial.config import DialPreset
+from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.kernel import Trained
 from socialiq.settings import changed
@@ -41,7 +45,7 @@ def grid_of(
         The hyperparameters of each run, the seed varying fastest and the angle slowest.
     """
     return [
-        dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
+        replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
         for angle in angles
         for strength in strengths
         for dataset, seed in enumerate(seeds)
@@ -76,6 +80,40 @@ def train_runs(
     callbacks = Callbacks(on_report=on_report, monitor=monitor)
     simulator = ground.table.world if static.online else None
     return train(static, hyperparameters, datasets, simulator, callbacks, chunk or 500, prior=prior)
+
+
+def train_dials(
+    preset: DialPreset,
+    world: Any,
+    seeds: Sequence[int],
+    data: Sequence[Demonstrations],
+    updates: int,
+    on_report: Callable[[Report], None] | None,
+) -> Trained:
+    """Train a dial of each seed in a gridworld.
+
+    Args:
+        preset: Settings of the dials.
+        world: The gridworld, with a clock if the preset has one.
+        seeds: Training seeds; seed i learns from data set i.
+        data: Demonstrations of each seed; not used by a preset without any.
+        updates: Gradient steps; 0 for those of the preset.
+        on_report: Progress callback.
+    """
+    static = preset.structure
+    static = replace(static, one_hot=world.one_hot, updates=updates or static.updates)
+    runs = [replace(preset.numbers, seed=seed, dataset=number) for number, seed in enumerate(seeds)]
+    sets = data if static.demonstrations else ()
+    simulator = world if static.online else None
+    return train_dial(static, runs, sets, simulator, callbacks=Callbacks(on_report=on_report))
+
+
+def file_of(policy: Any) -> bytes:
+    """Return the content of the file of a policy or a dial."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.safetensors"
+        policy.save(path)
+        return path.read_bytes()
 
 
 class Learned(NamedTuple):
@@ -118,7 +156,7 @@ def train_declared(
     chunk = training.get("checkpoint")
     static, numbers = learner_of(training)
     runs = [
-        dataclasses.replace(changed(numbers, values), seed=seed, dataset=index)
+        replace(changed(numbers, values), seed=seed, dataset=index)
         for values in training["runs"]
         for index, seed in enumerate(seeds)
     ]

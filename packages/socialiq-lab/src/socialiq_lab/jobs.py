@@ -34,7 +34,13 @@ RETRIES = 3
 ProgressCallback = Callable[[float], None]
 """Called by a job with its finished share."""
 
-Work = Callable[[Any, Path, Mapping[str, Path], ProgressCallback], None]
+Inputs = Mapping[str, Path]
+"""Folder of each input of a job, by the input's name."""
+
+StageCallback = Callable[[str], Callable[[Report], None] | None]
+"""Given the name of a stage, return the callback that shows its progress, if any."""
+
+Work = Callable[[Any, Path, Inputs, ProgressCallback], None]
 """Fills a folder: given the job's configuration, its folder, and the folders of its inputs."""
 
 
@@ -272,7 +278,7 @@ class Progress:
         self,
         jobs: Sequence[Job],
         still_open: Sequence[Job],
-        on_stage: Callable[[str], Callable[[Report], None] | None],
+        on_stage: StageCallback,
     ) -> None:
         self._watch = on_stage
         self._shown = dict[str, Any]()

@@ -14,19 +14,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from socialiq import UserError
 from socialiq import results_folder as store
-from socialiq.learners.callbacks import Clock, Report
+from socialiq.learners.callbacks import Clock
 from socialiq.results_folder import Results
 from socialiq.storage import shipped
 from socialiq.types import Row
 from socialiq_lab.engine import Engine, run_jobs, work_folder
-from socialiq_lab.jobs import Job
+from socialiq_lab.jobs import Job, StageCallback
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Item = TypeVar("Item")
-StageCallback = Callable[[str], Callable[[Report], None] | None]
-"""Given the name of a stage, return the callback that shows its progress, if any."""
 
 
 def silent(_stage: str) -> None:

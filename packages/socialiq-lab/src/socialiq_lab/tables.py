@@ -1,6 +1,6 @@
 """Operations on rows that studies share: groups, means, nested summaries, adjusted tests."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,12 @@ def groups(rows: Sequence[Row], *keys: str) -> dict[tuple, list[Row]]:
     for row in rows:
         result.setdefault(tuple(row[key] for key in keys), []).append(row)
     return result
+
+
+def labelled(rows: Sequence[Row], *keys: str) -> Iterator[tuple[Row, list[Row]]]:
+    """Yield the values of some columns, as the beginning of a row, and the rows that have them."""
+    for values, group in groups(rows, *keys).items():
+        yield dict(zip(keys, values, strict=True)), group
 
 
 def over_seeds(name: str, runs: Sequence[np.ndarray]) -> Row:
@@ -77,10 +83,7 @@ def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], g
         rows = [row | {"regret": ground.optimum.regret(metrics_of(row), angle)} for row in rows]
     if "mean" in specification:
         keys = specification["mean"]
-        return [
-            dict(zip(keys, values, strict=True)) | numeric_means(group)
-            for values, group in groups(rows, *keys).items()
-        ]
+        return [label | numeric_means(group) for label, group in labelled(rows, *keys)]
     if "paired" in specification:
         return paired_table(rows, **specification["paired"])
     return pooled(rows, specification["pool"]) if "pool" in specification else rows
@@ -107,11 +110,11 @@ def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     from socialiq.evaluation.exact import mean_of
 
     means = []
-    for values, group in groups(rows, *keys).items():
+    for label, group in labelled(rows, *keys):
         metrics = mean_of([metrics_of(row) for row in group])
         angles = column(group, "angle")
         means.append(
-            dict(zip(keys, values, strict=True))
+            label
             | {"seeds": len(group)}
             | metrics._asdict()
             | {"angle_low": min(angles), "angle_high": max(angles)}
@@ -143,7 +146,7 @@ def paired_table(
         seeds has no test.
     """
     tests = []
-    for values, comparable in groups(rows, *within).items():
+    for comparison, comparable in labelled(rows, *within):
         by_group = groups(comparable, by)
         first = {row[seed]: row for row in by_group[reference,]}
         for (name,), group in by_group.items():
@@ -151,7 +154,7 @@ def paired_table(
             if name == reference or len(pairs) < 2:
                 continue
             for metric in columns:
-                label = dict(zip(within, values, strict=True)) | {by: name, "metric": metric}
+                label = comparison | {by: name, "metric": metric}
                 differences = [row[metric] for _, row in pairs], [row[metric] for row, _ in pairs]
                 tests.append(paired_row(label, *differences))
     return with_holm(tests)

@@ -28,7 +28,7 @@ from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback
 
 BEST = "best.safetensors"
 LAST = "last.safetensors"
@@ -99,9 +99,7 @@ class Driving(EpisodesRun):
     ahead: Ahead = ""
 
 
-def drive(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCallback) -> None:
     """Write the outcome of every episode, a file for each policy and readout or angle.
 
     Args:
@@ -154,7 +152,7 @@ def episodes_at(folder: Path, driver: str, cell: str | float = "greedy") -> Path
     return folder / driver.removesuffix(".safetensors") / f"{name}.safetensors"
 
 
-def drivers_of(config: Driving, inputs: Mapping[str, Path]) -> dict[str, Any]:
+def drivers_of(config: Driving, inputs: Inputs) -> dict[str, Any]:
     """Return the drivers of a job.
 
     Args:
@@ -172,7 +170,7 @@ def drivers_of(config: Driving, inputs: Mapping[str, Path]) -> dict[str, Any]:
 
 
 def drive_highway(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Compare the core with the real highway-env decision by decision; a row for each episode.
 
@@ -195,7 +193,7 @@ def drive_highway(
 
 
 def calibrate_dial(
-    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write the dial that answers each angle with the best of its policies.
 
@@ -250,7 +248,7 @@ class Shipped:
 
 
 def copy_shipped(
-    config: Shipped, folder: Path, _inputs: Mapping[str, Path], _on_progress: ProgressCallback
+    config: Shipped, folder: Path, _inputs: Inputs, _on_progress: ProgressCallback
 ) -> None:
     """Write a dial of the committed results.
 
@@ -261,6 +259,15 @@ def copy_shipped(
         _on_progress: Not called.
     """
     (folder / DIAL).write_bytes((packaged_results() / config.file).read_bytes())
+
+
+def shipped_dials(files: Mapping[str, str]) -> list[Job]:
+    """Return the jobs "dials/NAME" that write dials of the committed results.
+
+    Args:
+        files: File of each dial below the committed results, by its name.
+    """
+    return [Job(f"dials/{name}", copy_shipped, Shipped(file)) for name, file in files.items()]
 
 
 def seeds_of_blocks(blocks: Sequence[int], episodes: int) -> tuple[int, ...]:
@@ -286,7 +293,7 @@ class Recording(Driving):
 
 
 def record_experts(
-    config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: Recording, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write the transitions of each expert, and their classical rewards row for row.
 

@@ -6,7 +6,7 @@ which its fingerprint is made (`socialiq_lab.jobs`).
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -39,7 +39,8 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.comparison import nearest_mode, of_modes
 from socialiq_lab.intersection.driving import BEST, DIAL, LAST, mixture_of
-from socialiq_lab.jobs import ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, callbacks_of
+from socialiq_lab.study import Context
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVE = "curve.csv"
@@ -103,7 +104,7 @@ class ExpertRun:
 
 
 def train_expert(
-    config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: ExpertRun, folder: Path, _inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write the last network of an expert, the best by checks, and the learning curve.
 
@@ -148,7 +149,7 @@ class LearnerRun:
 
 
 def train_learner(
-    config: LearnerRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: LearnerRun, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write the last network of a learner and its learning curve.
 
@@ -197,7 +198,7 @@ class DialRun:
 
 
 def train_dial(
-    config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: DialRun, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Write a dial and its learning curve, the mean of J(α) over the angles of a check.
 
@@ -254,16 +255,21 @@ class DialIterationRun:
     """Worlds of shifts that the dial drives in; see `road.shifted`."""
 
 
-def iteration_runs(
-    config: Any, first_rounds: int, times: int, **settings: Any
-) -> Iterator[DialIterationRun]:
-    """Yield a run for each seed of a study, of a smaller budget than `train improve-dial` has.
+def iteration_jobs(
+    config: Any, start: str, first_rounds: int, times: int, cost: float, **settings: Any
+) -> Iterator[Job]:
+    """Yield a job for each seed of a study, of a smaller budget than `train improve-dial` has.
 
     Args:
         config: Configuration of the study, with `seeds`, `updates` and `states_per_update`.
+        start: Name of the job that makes the dial to begin with.
         first_rounds: Rounds of labelling before the first update.
         times: Number of checks in a run.
+        cost: Approximate seconds of a job.
         **settings: Further fields of each run.
+
+    Returns:
+        Jobs "training/SEED".
     """
     structure = replace(
         road.ITERATION,
@@ -275,13 +281,24 @@ def iteration_runs(
     numbers = replace(road.ITERATION_NUMBERS, regression=0.4, exploration_fall=0.3)
     checks = Checks(times=times, episodes=100)
     for seed in config.seeds:
-        yield DialIterationRun(structure, replace(numbers, seed=seed), checks, **settings)
+        run = DialIterationRun(structure, replace(numbers, seed=seed), checks, **settings)
+        yield Job(f"training/{seed}", train_dial_by_iteration, run, (start,), cost)
+
+
+def first_dial(config: Any, context: Context) -> dict[str, bytes]:
+    """Return the dial of a study's first seed, as a file of its results.
+
+    Args:
+        config: Configuration of the study, with `seeds`.
+        context: Finished jobs, "training/SEED" among them.
+    """
+    return {DIAL: (context.work / "training" / str(config.seeds[0]) / DIAL).read_bytes()}
 
 
 def train_dial_by_iteration(
     config: DialIterationRun,
     folder: Path,
-    inputs: Mapping[str, Path],
+    inputs: Inputs,
     on_progress: ProgressCallback,
 ) -> None:
     """Improve the dial of the input; write it and its learning curve, the mean of J(α) over angles.
@@ -357,7 +374,7 @@ def run_file(seed: int, angle: float | None = None) -> str:
 
 
 def train_runs(
-    config: MixtureRuns, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: MixtureRuns, folder: Path, inputs: Inputs, on_progress: ProgressCallback
 ) -> None:
     """Train all runs and write their policies (`run_file`).
 

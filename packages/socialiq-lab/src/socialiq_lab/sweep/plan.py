@@ -14,6 +14,7 @@ from socialiq import UserError
 from socialiq.learners.extensions import LEARNERS, find_learner
 from socialiq.learners.iq_learn.config import PRESETS, Endings
 from socialiq.reading import read_toml, sha256_of_file
+from socialiq.settings import changed
 from socialiq.worlds.catalogue import GRIDS, base
 from socialiq_lab.jobs import Job
 from socialiq_lab.sweep.runs import RunsConfig, train_runs
@@ -39,7 +40,7 @@ class Plan:
 
 
 class _Entry(NamedTuple):
-    """One value of a field, with the dotted name of the key that gave it."""
+    """One value of a field, dotted below `endings`, and the dotted name of the key that gave it."""
 
     key: str
     field: str
@@ -256,7 +257,8 @@ class _Reader:
             is_tuple = typing.get_origin(hint) is tuple
             nested = isinstance(value, list) and any(isinstance(item, list) for item in value)
             several = [value] if is_tuple and not nested else self.several(key, value)
-            values.append([_Entry(key, name, self.typed(key, item, hint)) for item in several])
+            field = key.partition(".")[2]
+            values.append([_Entry(key, field, self.typed(key, item, hint)) for item in several])
         return values
 
     def replaced(self, base: Any, entries: Sequence[_Entry]) -> Any:
@@ -270,11 +272,11 @@ class _Reader:
             UserError: If the settings refuse the values; the line names the key at fault.
         """
         try:
-            return _with(base, entries)
+            return changed(base, {entry.field: entry.value for entry in entries})
         except UserError as error:
             for entry in entries:
                 try:
-                    _with(base, [entry])
+                    changed(base, {entry.field: entry.value})
                 except UserError as alone:
                     if str(alone) == str(error):
                         raise self.error(entry.key, str(error)) from error
@@ -349,14 +351,6 @@ class _Reader:
             line: Fault of its value, in words that follow the name.
         """
         return UserError(f"{self.file}: {key}: {line}")
-
-
-def _with(base: Any, entries: Sequence[_Entry]) -> Any:
-    plain = {item.field: item.value for item in entries if "endings." not in item.key}
-    nested = {item.field: item.value for item in entries if "endings." in item.key}
-    if nested:
-        plain["endings"] = dataclasses.replace(base.endings, **nested)
-    return dataclasses.replace(base, **plain)
 
 
 def _listed(value: Any) -> list[Any]:

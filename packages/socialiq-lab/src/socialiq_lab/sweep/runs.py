@@ -21,7 +21,7 @@ from socialiq.types import Row
 from socialiq.worlds import environment
 from socialiq.worlds.catalogue import GRIDS, base
 from socialiq_lab.gridworld_runs import evaluate
-from socialiq_lab.jobs import Job, ProgressCallback, callbacks_of
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, callbacks_of
 
 CHUNK = 500
 ROWS = "rows.json"
@@ -60,9 +60,7 @@ class RunsConfig:
     allow_code: bool
 
 
-def train_runs(
-    config: RunsConfig, folder: Path, _: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
+def train_runs(config: RunsConfig, folder: Path, _: Inputs, on_progress: ProgressCallback) -> None:
     """Train the runs in one compiled program; write each policy, and a row for each readout.
 
     Args:

@@ -9,6 +9,7 @@ from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.state import stack
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.types import RewardPair
+from socialiq_lab.baselines import Episodes
 from studies.compare_methods.baselines.clones import (
     CLIPPED,
     DiscriminatorWeighted,
@@ -31,7 +32,6 @@ from studies.compare_methods.baselines.offline import (
     SPRINQLHyperparameters,
     ValueConfig,
 )
-from studies.compare_methods.baselines.shared import Episodes
 
 
 def drawn(learner, run):

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from socialiq.learners import settings
+from socialiq_lab.baselines import totals_of
 from studies.compare_methods.baselines.clones import (
     OutcomeConditioned,
     OutcomeHyperparameters,
     scaling,
 )
-from studies.compare_methods.baselines.shared import totals_of
 
 
 def test_it_asks_for_the_outcome_that_scores_best(bandit) -> None:

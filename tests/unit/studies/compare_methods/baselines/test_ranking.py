@@ -5,12 +5,12 @@ import pytest
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.state import stack
 from socialiq.types import RewardPair
+from socialiq_lab.baselines import Episodes, Pairs, preference_loss
 from studies.compare_methods.baselines.clones import (
     DiscriminatorWeighted,
     DWBCConfig,
     DWBCHyperparameters,
 )
-from studies.compare_methods.baselines.shared import Episodes, Pairs, preference_loss
 
 SOCIAL = RewardPair(jnp.zeros(()), jnp.ones(()))
 

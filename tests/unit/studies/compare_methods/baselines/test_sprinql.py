@@ -5,6 +5,7 @@ import pytest
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.objective import Batches, objective
 from socialiq.learners.state import stack
+from socialiq_lab.baselines import Pairs
 from studies.compare_methods.baselines.offline import (
     SPRINQL,
     Graded,
@@ -13,7 +14,6 @@ from studies.compare_methods.baselines.offline import (
     SPRINQLNetworks,
     row_weights,
 )
-from studies.compare_methods.baselines.shared import Pairs
 
 
 def graded(batch, level: list[int]) -> Graded:

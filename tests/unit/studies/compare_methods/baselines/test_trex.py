@@ -8,13 +8,13 @@ from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.learners.state import stack
 from socialiq.nn.q_network import network_of
+from socialiq_lab.baselines import Pairs
 from studies.compare_methods.baselines.online import (
     TREX,
     TREXConfig,
     TREXNetworks,
     TREXRows,
 )
-from studies.compare_methods.baselines.shared import Pairs
 
 
 def test_the_loss_by_hand(constant, rows_of) -> None:

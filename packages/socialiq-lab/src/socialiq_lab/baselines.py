@@ -1,4 +1,4 @@
-"""Methods that others have published, each a loss with its source; here is what they share.
+"""What the studies' learners share, which are methods that others have published.
 
 `socialiq.learners.kernel` trains them all. Demonstrations lie in an `ExpertTable`, of which
 `Episodes` knows the episodes and ranks them by R(α).
@@ -7,6 +7,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,9 @@ from socialiq import QPolicy, RewardPair, score
 from socialiq.learners import expert_table, kernel
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
+from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.q_network import QNetwork
 from socialiq.types import Transitions
 
 
@@ -244,3 +247,45 @@ class EpisodeLearner(Baseline):
         """
         bounds = self.table.row_bounds[dataset], self.table.row_bounds[dataset + 1]
         return expert_table.draw_between(key, self.static.batch_size, *bounds)
+
+
+class ValuesLearner(IQLearn):
+    """Base class of learners that act in the world, whose network has Q as its part `values`."""
+
+    def bellman_error(
+        self, network: Any, target_network: Any, rows: expert_table.Batch, reward: Any, run: Any
+    ) -> Float[Array, ""]:
+        """Return half the squared Bellman error of Q on a reward.
+
+        Args:
+            network: Network of the learner.
+            target_network: Slow copy of the network, whose Q gives the value of the next
+                observation.
+            rows: The learner's own rows.
+            reward: Reward of each row.
+            run: Numbers of the run.
+        """
+        follows = soft_continuation(target_network.values, rows, run, self.static.endings)
+        target = reward + run.discount * follows
+        q = of_taken(jax.vmap(network.values)(rows.observation), rows.action)
+        return jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2
+
+    def policy(self, hyperparameters: Any, state: Any, _retained: Any = None) -> QPolicy:
+        """Return the policy of Q.
+
+        Args:
+            hyperparameters: Numbers of the run.
+            state: State of the run, with the trained networks.
+        """
+        record = self.record(hyperparameters)
+        return QPolicy.of(state.network.values, hyperparameters.temperature, record)
+
+
+class ActingByValues(eqx.Module):
+    """Base class of networks whose part `values` acts."""
+
+    values: QNetwork
+
+    def __call__(self, observation: Array) -> Array:
+        """Return Q of one observation."""
+        return self.values(observation)
