@@ -123,10 +123,22 @@ class Batch(RoadBatch):
         return (*SIGNALS, *self.walks.signals) if self.walks else SIGNALS
 
     def _decisions(self) -> Decisions:
-        decisions = super()._decisions()
+        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
+
+        buffers = self.buffers
+        left = np.zeros((self.size, self.options.agents), bool)
+        step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
+        decisions = (
+            super()
+            ._decisions()
+            ._replace(
+                classical=RewardPair(*self._by_agent(buffers.classical)),
+                off_road=left.reshape(self.shape),
+            )
+        )
         if not self.walks:
             return decisions
-        signals = people.signals_of(self.walks, self.buffers)
+        signals = people.signals_of(self.walks, buffers)
         rewards: RewardPair = people.by_class(
             self.walks, decisions.rewards, signals, self._by_class
         )
