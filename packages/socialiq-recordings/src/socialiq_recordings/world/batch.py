@@ -32,6 +32,8 @@ VEHICLE = np.dtype(
         ("speed", np.float64),  # m/s, NaN before it enters
         ("before", np.float64),  # speed at the last decision, or when it entered, m/s
         ("acceleration", np.float64),  # of the sub-step, m/s²
+        # acceleration that an action holds, m/s²; NaN: it drives as a driver of the population
+        ("level", np.float64),
         ("barrier", np.float64),  # coordinate of the next leader or closed line, m
         ("length", np.float64),  # m
         ("width", np.float64),
@@ -107,10 +109,9 @@ class JunctionBatch(RoadBatch):
     def ways(self, row: int = 0) -> list[Float64[np.ndarray, "point 2"]]:
         """Return the way of each vehicle of an episode's recording, m to the east and north."""
         road = self.world.road
-        first, end = road.recording_first[self.recording(row) :][:2].tolist()
-        return [
-            road.line[road.line_first[v] : road.line_first[v + 1], :2] for v in range(first, end)
-        ]
+        recording = self.recording(row)
+        vehicles = range(*road.recording_first[recording : recording + 2].tolist())
+        return [road.line[road.line_first[v] : road.line_first[v + 1], :2] for v in vehicles]
 
     def on_road(self, row: int = 0) -> np.ndarray:
         """Return the records of the vehicles of an episode that are on the road, in their order."""

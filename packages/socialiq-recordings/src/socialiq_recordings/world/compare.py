@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from socialiq.physics import wrapped
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.types import Row
+from socialiq.worlds.highway.options import settings_of
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.plausible import overlaps
@@ -130,8 +131,9 @@ def run(
     records = records_of(world, 1)
     records[0]["state_low"] = seed
     states = np.full((1, steps, world.capacity, 2), np.nan)
-    arguments = world.road, records, np.array([recording]), states, steps, world.config.slack
-    run_in_parts(core.without_ego, 1, 1, *arguments)
+    road = world.road, records, np.array([recording])
+    settings = settings_of(world.options), world.config.slack
+    run_in_parts(core.without_ego, 1, 1, *road, states, steps, *settings)
     first = world.road.recording_first
     vehicles = int(first[recording + 1] - first[recording])
     return states[0, :, :vehicles], int(records[0]["others_hit"][0])

@@ -115,6 +115,7 @@ def populate(road, episode, vehicles, recording, ego, step):
         car.way = way = road.recording_first[recording] + number
         car.length = road.length[way]
         car.width = road.width[way]
+        car.level = math.nan
         car.touched = car.met = False
         car.times[:] = -1
         for parameter in range(len(road.drivers)):
@@ -163,7 +164,7 @@ def reset(road, episode, vehicles):
     populate(road, episode, vehicles, recording, ego, road.state_step[vehicle] + moment)
 
 
-@inlined_kernel
+@kernel
 def enter(road, episode, vehicles):
     """Let waiting vehicles enter whose time has come and whose place is free.
 
@@ -200,24 +201,23 @@ def enter(road, episode, vehicles):
             _enter(road, episode, vehicles, car, along, speed)
 
 
-@inlined_kernel
-def sub_step(road, episode, vehicles, level, fastest):
+@kernel
+def sub_step(road, episode, vehicles, settings):
     """Advance by a sub-step; vehicles at the end of their ways leave the road, the ego stays.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
         episode: EPISODE record.
         vehicles: VEHICLE records of the episode.
-        level: Acceleration of the ego, m/s²; with NaN it drives as a driver of the population.
-        fastest: Largest speed of the ego, m/s; not used if `level` is NaN.
+        settings: SETTINGS record of the world.
     """
     ego = episode.controlled[0]
     for slot in range(episode.vehicles):
         car = vehicles[vehicles[slot].present]
         car.acceleration = rules.drive(road, episode, vehicles, car)
-        if car.identity == ego and not math.isnan(level):
-            slowing = (min(rules.limit_at(road, car), fastest) - car.speed) / _CURVE
-            car.acceleration = min(level, max(slowing, -HARDEST))
+        if not math.isnan(car.level):
+            fastest = min(rules.limit_at(road, car), settings.max_speed)
+            car.acceleration = min(car.level, max((fastest - car.speed) / _CURVE, -HARDEST))
     for slot in range(episode.vehicles):
         car = vehicles[vehicles[slot].present]
         driven, speed = ballistic(car.speed, car.acceleration, DT)
@@ -232,13 +232,14 @@ def sub_step(road, episode, vehicles, level, fastest):
 
 
 @kernel
-def _copy(vehicles, count, target):
-    for number in range(count):
+def _copy(vehicles, target):
+    """Copy the vehicles of an episode if there is space, which is where effects are measured."""
+    for number in range(len(target)):
         target[number] = vehicles[number]
 
 
 @inlined_kernel
-def decide(road, buffers, row, level, settings, slack):
+def decide(road, buffers, row, settings, slack):
     """Run the sub-steps of a decision and write its results.
 
     The episode ends with a contact, past a closed line, at the arrival or after its duration.
@@ -247,7 +248,6 @@ def decide(road, buffers, row, level, settings, slack):
         road: Arrays of the world, `recorded_world.Road`.
         buffers: Arrays of the batch, which are written.
         row: Row of the episode.
-        level: Acceleration of the ego, m/s²; with NaN it drives as a driver of the population.
         settings: SETTINGS record of the world.
         slack: Length by which vehicles are narrower and shorter than recorded, m.
     """
@@ -256,13 +256,10 @@ def decide(road, buffers, row, level, settings, slack):
     ego = vehicles[episode.controlled[0]]
     half = 0.5 * ego.length
     start = ego.along
-    count = count_of(road, episode)
-    traced = len(buffers.trace) > 0
     for slot in range(episode.vehicles):
         car = vehicles[vehicles[slot].present]
         car.before = car.speed
-    if traced:
-        _copy(vehicles, count, buffers.before[row])
+    _copy(vehicles, buffers.before[row])
     ending = _NONE
     contact = _UNTOUCHED
     neighbours_collided = 0
@@ -271,9 +268,9 @@ def decide(road, buffers, row, level, settings, slack):
     for frame in range(settings.frames):
         now = episode.sub_steps * DT
         line = rules.closed_line(road, ego.way, ego.along + half, now)
-        sub_step(road, episode, vehicles, level, settings.max_speed)
-        if traced:
-            _copy(vehicles, count, buffers.trace[row, frame])
+        sub_step(road, episode, vehicles, settings)
+        if len(buffers.trace):
+            _copy(vehicles, buffers.trace[row, frame])
         collided, hits = others_touched(road, episode, vehicles, slack)
         neighbours_collided += collided
         episode.others_hit += hits
@@ -297,40 +294,8 @@ def decide(road, buffers, row, level, settings, slack):
     progress = ego.along - start
     annotate(road, episode, vehicles, progress, ending, settings, buffers, row)
     whole = steps % settings.frames == 0
-    buffers.present[row, 0] = count if whole else 0  # no effect is judged of a part
-    if traced:
-        _copy(vehicles, count, buffers.after[row])
-
-
-@inlined_kernel
-def replay_moment(road, episode, vehicles, results, moment, recording, ego, step, settings):
-    """Write observation and rewards of a recorded state and the decision that follows it.
-
-    Args:
-        road: Arrays of the world, `recorded_world.Road`.
-        episode: EPISODE record, which is overwritten.
-        vehicles: VEHICLE records, which are overwritten.
-        results: Buffers that are written.
-        moment: Row of the buffers.
-        recording: Number of the recording.
-        ego: Number of the recorded vehicle in its recording.
-        step: Sub-step of the state from the recording's first frame.
-        settings: SETTINGS record of the world.
-    """
-    populate(road, episode, vehicles, recording, ego, step)
-    observe(road, episode, vehicles, results.observation[moment])
-    results.speed[moment] = vehicles[ego].speed
-    start = vehicles[ego].along
-    populate(road, episode, vehicles, recording, ego, step + settings.frames)
-    for slot in range(episode.vehicles):
-        car = vehicles[vehicles[slot].present]
-        since = max(step - road.state_step[car.way], 0)
-        car.before = road.state[road.state_first[car.way] + since, 1]
-    progress = vehicles[ego].along - start
-    arrived = vehicles[ego].along >= road.arrival[vehicles[ego].way]
-    ending = _ARRIVAL if arrived else _NONE
-    results.ending[moment] = ending
-    annotate(road, episode, vehicles, progress, ending, settings, results, moment)
+    buffers.present[row, 0] = count_of(road, episode) if whole else 0  # no part is judged
+    _copy(vehicles, buffers.after[row])
 
 
 def _entries(sources: int):
@@ -344,7 +309,8 @@ def _entries(sources: int):
             episode = buffers.episodes[row]
             vehicles = buffers.vehicles[row]
             if command != RESET:
-                decide(road, buffers, row, levels[actions[row]], options[0], slack)
+                vehicles[episode.controlled[0]].level = levels[actions[row]]
+                decide(road, buffers, row, options[0], slack)
                 observe(road, episode, vehicles, buffers.observation[row])
                 buffers.reached[row] = buffers.observation[row]
             ends = command == DECIDE_AND_RESET and buffers.ending[row] != _NONE
@@ -359,15 +325,29 @@ def _entries(sources: int):
 
     @allocating_entry_point
     def replay(road, state, results, recordings, egos, steps, options, first, end):
-        episodes, vehicles = state
+        episode = state[0][0]
+        vehicles = state[1][0]
+        frames = options[0].frames
         for moment in range(first, end):
-            at = recordings[moment], egos[moment], steps[moment]
-            replay_moment(road, episodes[0], vehicles[0], results, moment, at[0], at[1], at[2],
-                          options[0])  # fmt: skip
+            step = steps[moment]
+            ego = vehicles[egos[moment]]
+            populate(road, episode, vehicles, recordings[moment], egos[moment], step)
+            observe(road, episode, vehicles, results.observation[moment])
+            results.speed[moment] = ego.speed
+            start = ego.along
+            populate(road, episode, vehicles, recordings[moment], egos[moment], step + frames)
+            for slot in range(episode.vehicles):
+                car = vehicles[vehicles[slot].present]
+                since = max(step - road.state_step[car.way], 0)
+                car.before = road.state[road.state_first[car.way] + since, 1]
+            ending = _ARRIVAL if ego.along >= road.arrival[ego.way] else _NONE
+            results.ending[moment] = ending
+            progress = ego.along - start
+            annotate(road, episode, vehicles, progress, ending, options[0], results, moment)
         return sources
 
     @allocating_entry_point
-    def without_ego(road, state, recordings, states, steps, slack, first, end):
+    def without_ego(road, state, recordings, states, steps, options, slack, first, end):
         for row in range(first, end):
             episode = state[0][row]
             vehicles = state[1][row]
@@ -377,7 +357,7 @@ def _entries(sources: int):
                     car = vehicles[vehicles[slot].present]
                     states[row, step, car.identity, 0] = car.along
                     states[row, step, car.identity, 1] = car.speed
-                sub_step(road, episode, vehicles, math.nan, 1.0)
+                sub_step(road, episode, vehicles, options[0])
                 _, hits = others_touched(road, episode, vehicles, slack)
                 episode.others_hit += hits
         return sources

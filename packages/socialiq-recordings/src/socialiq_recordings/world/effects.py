@@ -71,11 +71,6 @@ def _look(road, episode, number_of_ego, vehicles, step, driving, noted):
     return closest
 
 
-@allocating_kernel
-def _advance(junction, episode, vehicles, level, settings):
-    sub_step(junction[0], episode, vehicles, level, settings.max_speed)
-
-
 @kernel
 def _brake(vehicles, ego, ends, speed, hardest, moved):
     """Compare speeds with those before a sub-step; count hard brakings if it ends a decision."""
@@ -90,7 +85,7 @@ def _brake(vehicles, ego, ends, speed, hardest, moved):
 
 
 @allocating_kernel
-def _drive(junction, episodes, vehicles, ego, level, settings, moved):
+def _drive(road, episodes, vehicles, ego, settings, moved):
     """Advance by a decision; add what vehicles except the ego drive to (vehicle, 2) totals."""
     count = len(moved)
     hardest = np.zeros(count)
@@ -99,7 +94,7 @@ def _drive(junction, episodes, vehicles, ego, level, settings, moved):
         speed[number] = vehicles[number].speed
         moved[number, 0] -= vehicles[number].along if number != ego else 0.0
     for frame in range(settings.frames):
-        _advance(junction, episodes[0], vehicles, level, settings)
+        sub_step(road, episodes[0], vehicles, settings)
         _brake(vehicles, ego, frame == settings.frames - 1, speed, hardest, moved)
     for number in range(count):
         moved[number, 0] += vehicles[number].along if number != ego else 0.0
@@ -107,15 +102,14 @@ def _drive(junction, episodes, vehicles, ego, level, settings, moved):
 
 @kernel
 def _take_out(road, episode, vehicles):
-    """Remove the ego, in whose place nobody drives."""
+    """Remove the ego, whose place stays empty."""
     remove(road, episode, vehicles, episode.controlled[0])
     episode.controlled[0] = -1
 
 
 @allocating_kernel
-def _begin(junction, buffers, ledger, row, settings, effects):
+def _begin(road, buffers, ledger, row, settings, effects):
     """Note where vehicles are, and drive the world without the ego to the common end."""
-    road = junction[0]
     copies, vehicles, _ = copied(buffers, row, ledger.driven.shape[1])
     number_of_ego = copies[0].controlled[0]
     ego = vehicles[number_of_ego]
@@ -133,7 +127,7 @@ def _begin(junction, buffers, ledger, row, settings, effects):
     _take_out(road, copies[0], vehicles)
     for decision in range(effects.decisions):
         moved = np.zeros((count, 2))
-        _drive(junction, copies, vehicles, number_of_ego, math.nan, settings, moved)
+        _drive(road, copies, vehicles, number_of_ego, settings, moved)
         for what in range(2):
             ledger.alone[row, decision, what] = moved[:, what].sum()
             for number in range(count):
@@ -147,6 +141,7 @@ def _end(road, episode, vehicles, ending, effects):
     Returns:
         Sub-steps until the ego and what it struck are towed; -1 if it did not collide.
     """
+    vehicles[episode.controlled[0]].level = math.nan
     if ending == _COLLIDED:  # both stand until then
         return np.rint(effects.tow_after / DT)
     if ending == _ARRIVED or not effects.released:
@@ -156,86 +151,88 @@ def _end(road, episode, vehicles, ending, effects):
 
 
 @allocating_kernel
-def _account(junction, buffers, ledger, row, settings, effects):
+def _account(road, buffers, ledger, row, settings, effects):
     """Count a decision, and after the last one what follows it to the common end."""
-    road = junction[0]
     copies, vehicles, _ = copied(buffers, row, ledger.driven.shape[1])
     episode = copies[0]
-    ego = episode.controlled[0]
+    ego = vehicles[episode.controlled[0]]
+    struck = vehicles[episode.touched[0]]
+    wrecks = ego.along, struck.along
     count = count_of(road, episode)
     frames = settings.frames
     steps = episode.sub_steps - episode.begun
     before = buffers.before[row]
-    noted = buffers.vehicles[row]
-    number = (steps - 1) // frames
+    begun = (steps - 1) // frames * frames
+    end = steps
+    towed = -1.0
+    if buffers.ending[row] != 0:
+        end = effects.decisions * frames
+        towed = steps + _end(road, episode, vehicles, buffers.ending[row], effects)
     encountered = 0.0
     moved = np.zeros((count, 2))
     hardest = np.zeros(count)
     speed = np.empty(count)
-    for vehicle in range(count):
-        speed[vehicle] = before[vehicle].speed
-    for step in range(number * frames, steps):
-        traced = buffers.trace[row, step - number * frames]
-        _brake(traced, ego, (step + 1) % frames == 0, speed, hardest, moved)
-        encountered = max(encountered, _look(road, episode, ego, traced, step, True, noted))
-    last = number + 1
-    if buffers.ending[row] != 0:
-        last = effects.decisions
-        towed = _end(road, episode, vehicles, buffers.ending[row], effects)
-        struck = vehicles[episode.touched[0]]
-        wreck = vehicles[ego]
-        places = wreck.along, struck.along
-        for step in range(steps, effects.decisions * frames):
-            if step == steps + towed:
-                remove(road, episode, vehicles, wreck.identity)
+    for number in range(count):
+        speed[number] = before[number].speed
+    for step in range(begun, end):
+        places = vehicles
+        if step < steps:
+            places = buffers.trace[row, step - begun]
+        else:
+            if step == towed:
+                remove(road, episode, vehicles, ego.identity)
                 remove(road, episode, vehicles, struck.identity)
-            _advance(junction, episode, vehicles, math.nan, settings)
-            if step < steps + towed:
-                wreck.along, struck.along = places
-                wreck.speed = struck.speed = 0.0
+            sub_step(road, episode, vehicles, settings)
+            if step < towed:
+                ego.along, struck.along = wrecks
+                ego.speed = struck.speed = 0.0
                 speed[struck.identity] = math.nan
-            _brake(vehicles, ego, (step + 1) % frames == 0, speed, hardest, moved)
-            _look(road, episode, ego, vehicles, step, False, noted)
-    for vehicle in range(count):
-        if vehicle != ego:
-            moved[vehicle, 0] = vehicles[vehicle].along - before[vehicle].along
-    write(buffers, ledger, row, (number, last), moved, encountered, effects)
+        _brake(places, ego.identity, (step + 1) % frames == 0, speed, hardest, moved)
+        near = _look(road, episode, ego.identity, places, step, step < steps, buffers.vehicles[row])
+        encountered = max(encountered, near)
+    for number in range(count):
+        if number != ego.identity:
+            moved[number, 0] = vehicles[number].along - before[number].along
+    write(buffers, ledger, row, (begun // frames, end // frames), moved, encountered, effects)
 
 
 @allocating_kernel
-def _look_ahead(junction, buffers, ledger, row, number, settings):
+def _look_ahead(road, levels, buffers, ledger, row, action, settings):
     """Write what others do in the next decisions, as `highway.core.effects`."""
-    road = junction[0]
     copies, vehicles, _ = copied(buffers, row, ledger.driven.shape[1])
     ego = copies[0].controlled[0]
     moved = np.zeros((count_of(road, copies[0]), 2))
-    level = junction[1][number] if number >= 0 else math.nan
-    if number < 0:
+    if action < 0:
         _take_out(road, copies[0], vehicles)
+    else:
+        vehicles[ego].level = levels[action]
     ledger.ahead[row] = math.nan
-    for later in range(AHEAD if number >= -1 else 1):
-        _drive(junction, copies, vehicles, ego, level, settings, moved)
-        for vehicle in range(len(moved)):
-            car = vehicles[vehicle]
-            if later == 0 and vehicle != ego and car.status == PRESENT:
-                ledger.ahead[row, vehicle, 0] = car.speed
-    for vehicle in range(len(moved)):
-        if not math.isnan(ledger.ahead[row, vehicle, 0]):
-            ledger.ahead[row, vehicle, 1] = moved[vehicle, 0]
+    for later in range(AHEAD if action >= -1 else 1):
+        _drive(road, copies, vehicles, ego, settings, moved)
+        for number in range(len(moved)):
+            car = vehicles[number]
+            if later == 0 and number != ego and car.status == PRESENT:
+                ledger.ahead[row, number, 0] = car.speed
+    for number in range(len(moved)):
+        if not math.isnan(ledger.ahead[row, number, 0]):
+            ledger.ahead[row, number, 1] = moved[number, 0]
 
 
 def _entry(sources: int) -> Any:
     @allocating_entry_point
-    def run(command, buffers, ledger, rows, settings, junction, effects, first, last):
-        for row in range(first, last):
+    def run(command, buffers, ledger, rows, options, junction, effects, first, end):
+        road, levels, _ = junction
+        settings = options[0]
+        for row in range(first, end):
             if not rows[row] or command == PREPARE:
                 continue
             if command == BEGIN:
-                _begin(junction, buffers, ledger, row, settings[0], effects[0])
+                _begin(road, buffers, ledger, row, settings, effects[0])
             elif command == ACCOUNT:
-                _account(junction, buffers, ledger, row, settings[0], effects[0])
+                _account(road, buffers, ledger, row, settings, effects[0])
             else:
-                _look_ahead(junction, buffers, ledger, row, command - REPEAT, settings[0])
+                action = command - REPEAT  # below 0 without the ego
+                _look_ahead(road, levels, buffers, ledger, row, action, settings)
         return sources
 
     return run

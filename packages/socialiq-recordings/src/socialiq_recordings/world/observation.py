@@ -17,7 +17,7 @@ from socialiq.worlds.highway.core.vehicle import clip, who_struck
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
 from socialiq_recordings.world.geometry import projected
-from socialiq_recordings.world.people import NOBODY, people_of, person_at
+from socialiq_recordings.world.people import NO_PERSON, people_of, person_at
 from socialiq_recordings.world.traffic import DT, ahead_of, closed_line, count_of, pair_of
 
 _FAR = 100.0  # m; vehicles whose way has nothing to do with the ego's come after the others
@@ -128,7 +128,7 @@ def _overlap(car, user, slack, their_slack):
 
 @kernel
 def person_met(road, episode, car, slack):
-    """Return the first person that overlaps a vehicle, a `Person`; `NOBODY` if there is none.
+    """Return the first person that overlaps a vehicle, a `Person`; `NO_PERSON` if there is none.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
@@ -140,7 +140,7 @@ def person_met(road, episode, car, slack):
         person = person_at(road, number, episode.sub_steps)
         if person.present and _overlap(car, person, slack, 0.0):
             return person
-    return NOBODY
+    return NO_PERSON
 
 
 @inlined_kernel

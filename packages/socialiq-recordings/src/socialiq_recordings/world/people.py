@@ -20,7 +20,7 @@ Person = collections.namedtuple(
 """Person at a sub-step, with the names of a vehicle's record; `kind` is a `RoadUser`. A person that
 is not in view is not `present`."""
 
-NOBODY = Person(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
+NO_PERSON = Person(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
 
 
 @kernel
@@ -35,7 +35,7 @@ def person_at(road, number, step):
     since = step - road.person_step[number]
     row = road.person_state_first[number] + since
     if since < 0 or row >= road.person_state_first[number + 1]:
-        return NOBODY
+        return NO_PERSON
     x, y, heading, speed = four(road.person_state, row)
     length = road.person_size[number, 0]
     width = road.person_size[number, 1]
