@@ -12,14 +12,9 @@ from typing import Any
 import numpy as np
 
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import (
-    allocating_entry_point,
-    allocating_kernel,
-    fingerprint,
-    kernel,
-)
-from socialiq.worlds.highway.core.effects import HARD, copied, encounter, write
-from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, RELATIONS, REPEAT
+from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.effects import HARD, commands, copied, encounter, write
+from socialiq.worlds.highway.effects import RELATIONS
 from socialiq_recordings.world.core import remove, sub_step
 from socialiq_recordings.world.traffic import DT, GONE, PRESENT, count_of, pair_of
 
@@ -74,7 +69,7 @@ def _look(road, episode, number_of_ego, vehicles, step, driving, noted):
 @kernel
 def _brake(vehicles, ego, ends, speed, hardest, moved):
     """Compare speeds with those before a sub-step; count hard brakings if it ends a decision."""
-    for number in range(len(moved)):
+    for number in range(len(hardest)):
         change = (vehicles[number].speed - speed[number]) / DT
         speed[number] = vehicles[number].speed
         if number != ego and not math.isnan(change):
@@ -85,53 +80,57 @@ def _brake(vehicles, ego, ends, speed, hardest, moved):
 
 
 @allocating_kernel
-def _drive(road, episodes, vehicles, ego, settings, moved):
-    """Advance by a decision; add what vehicles except the ego drive to (vehicle, 2) totals."""
-    count = len(moved)
+def _drive_on(state, ledger, row, number, junction, settings, effects, moved):  # noqa: ARG001  as on roads
+    """Advance all by a decision; add what vehicles except the ego drive to (vehicle, 2) totals."""
+    episodes, vehicles, _, _, ego = state
+    count = count_of(junction[0], episodes[0])
     hardest = np.zeros(count)
     speed = np.empty(count)
-    for number in range(count):
-        speed[number] = vehicles[number].speed
-        moved[number, 0] -= vehicles[number].along if number != ego else 0.0
+    for identity in range(count):
+        speed[identity] = vehicles[identity].speed
+        moved[identity, 0] -= vehicles[identity].along if identity != ego else 0.0
     for frame in range(settings.frames):
-        sub_step(road, episodes[0], vehicles, settings)
+        sub_step(junction[0], episodes[0], vehicles, settings)
         _brake(vehicles, ego, frame == settings.frames - 1, speed, hardest, moved)
-    for number in range(count):
-        moved[number, 0] += vehicles[number].along if number != ego else 0.0
+    for identity in range(count):
+        moved[identity, 0] += vehicles[identity].along if identity != ego else 0.0
 
 
 @kernel
-def _take_out(road, episode, vehicles):
-    """Remove the ego, whose place stays empty."""
-    remove(road, episode, vehicles, episode.controlled[0])
-    episode.controlled[0] = -1
+def _prepare(episode, arrivals, number, effects):
+    """Choose nothing: later traffic is that of the recording."""
 
 
-@allocating_kernel
-def _begin(road, buffers, ledger, row, settings, effects):
-    """Note where vehicles are, and drive the world without the ego to the common end."""
-    copies, vehicles, _ = copied(buffers, row, ledger.driven.shape[1])
-    number_of_ego = copies[0].controlled[0]
-    ego = vehicles[number_of_ego]
-    count = count_of(road, copies[0])
-    for number in range(len(vehicles)):
-        ledger.relation[row, number] = -1
-        for what in range(2):
-            ledger.without[row, number, what] = ledger.driven[row, number, what] = 0.0
-        if number < count and number != number_of_ego and vehicles[number].status != GONE:
-            car = vehicles[number]
-            pair = pair_of(road, copies[0], ego, car)
-            back = pair_of(road, copies[0], car, ego)
-            ledger.relation[row, number] = _relation(road, pair, back)
-            ledger.without[row, number, 0] = ledger.driven[row, number, 0] = car.along
-    _take_out(road, copies[0], vehicles)
-    for decision in range(effects.decisions):
-        moved = np.zeros((count, 2))
-        _drive(road, copies, vehicles, number_of_ego, settings, moved)
-        for what in range(2):
-            ledger.alone[row, decision, what] = moved[:, what].sum()
-            for number in range(count):
-                ledger.without[row, number, what] += moved[number, what]
+@kernel
+def _take_out(state, junction):
+    remove(junction[0], state[0][0], state[1], state[4])
+    state[0][0].controlled[0] = -1
+
+
+@kernel
+def _act(state, action, junction, settings):  # noqa: ARG001  as on roads
+    state[1][state[4]].level = junction[1][action]
+
+
+@kernel
+def _listed(vehicles, slot):
+    return vehicles[vehicles[slot].present]
+
+
+@kernel
+def _relate(buffers, state, ledger, row, junction):  # noqa: ARG001  as on roads
+    """Note the relations of vehicles that have not gone to the ego, and where they are at first."""
+    road = junction[0]
+    episode = state[0][0]
+    ego = state[1][state[4]]
+    for identity in range(count_of(road, episode)):
+        car = state[1][identity]
+        if car.status == GONE or ledger.relation[row, identity] >= 0:
+            continue
+        pair = pair_of(road, episode, ego, car)
+        back = pair_of(road, episode, car, ego)
+        ledger.relation[row, identity] = _relation(road, pair, back)
+        ledger.without[row, identity, 0] = ledger.driven[row, identity, 0] = car.along
 
 
 @kernel
@@ -151,88 +150,63 @@ def _end(road, episode, vehicles, ending, effects):
 
 
 @allocating_kernel
-def _account(road, buffers, ledger, row, settings, effects):
+def _account(buffers, ledger, row, _number, junction, settings, effects):
     """Count a decision, and after the last one what follows it to the common end."""
-    copies, vehicles, _ = copied(buffers, row, ledger.driven.shape[1])
-    episode = copies[0]
-    ego = vehicles[episode.controlled[0]]
-    struck = vehicles[episode.touched[0]]
+    road = junction[0]
+    number_of_ego = buffers.episodes[row].controlled[0]
+    # A record of an array doesn't keep the array's memory, so `copies` is used to the end.
+    copies, vehicles, _, _, _ = copied(buffers, ledger, row, number_of_ego)
+    ego = vehicles[number_of_ego]
+    struck = vehicles[copies[0].touched[0]]
     wrecks = ego.along, struck.along
-    count = count_of(road, episode)
+    count = count_of(road, copies[0])
     frames = settings.frames
-    steps = episode.sub_steps - episode.begun
+    steps = copies[0].sub_steps - copies[0].begun
     before = buffers.before[row]
     begun = (steps - 1) // frames * frames
     end = steps
     towed = -1.0
     if buffers.ending[row] != 0:
         end = effects.decisions * frames
-        towed = steps + _end(road, episode, vehicles, buffers.ending[row], effects)
+        towed = steps + _end(road, copies[0], vehicles, buffers.ending[row], effects)
     encountered = 0.0
     moved = np.zeros((count, 2))
     hardest = np.zeros(count)
     speed = np.empty(count)
-    for number in range(count):
-        speed[number] = before[number].speed
+    for identity in range(count):
+        speed[identity] = before[identity].speed
     for step in range(begun, end):
         places = vehicles
         if step < steps:
             places = buffers.trace[row, step - begun]
         else:
             if step == towed:
-                remove(road, episode, vehicles, ego.identity)
-                remove(road, episode, vehicles, struck.identity)
-            sub_step(road, episode, vehicles, settings)
+                remove(road, copies[0], vehicles, number_of_ego)
+                remove(road, copies[0], vehicles, struck.identity)
+            sub_step(road, copies[0], vehicles, settings)
             if step < towed:
                 ego.along, struck.along = wrecks
                 ego.speed = struck.speed = 0.0
                 speed[struck.identity] = math.nan
-        _brake(places, ego.identity, (step + 1) % frames == 0, speed, hardest, moved)
-        near = _look(road, episode, ego.identity, places, step, step < steps, buffers.vehicles[row])
+        _brake(places, number_of_ego, (step + 1) % frames == 0, speed, hardest, moved)
+        driving = step < steps
+        near = _look(road, copies[0], number_of_ego, places, step, driving, buffers.vehicles[row])
         encountered = max(encountered, near)
-    for number in range(count):
-        if number != ego.identity:
-            moved[number, 0] = vehicles[number].along - before[number].along
+    for identity in range(count):
+        if identity != number_of_ego:
+            moved[identity, 0] = vehicles[identity].along - before[identity].along
     write(buffers, ledger, row, (begun // frames, end // frames), moved, encountered, effects)
 
 
-@allocating_kernel
-def _look_ahead(road, levels, buffers, ledger, row, action, settings):
-    """Write what others do in the next decisions, as `highway.core.effects`."""
-    copies, vehicles, _ = copied(buffers, row, ledger.driven.shape[1])
-    ego = copies[0].controlled[0]
-    moved = np.zeros((count_of(road, copies[0]), 2))
-    if action < 0:
-        _take_out(road, copies[0], vehicles)
-    else:
-        vehicles[ego].level = levels[action]
-    ledger.ahead[row] = math.nan
-    for later in range(AHEAD if action >= -1 else 1):
-        _drive(road, copies, vehicles, ego, settings, moved)
-        for number in range(len(moved)):
-            car = vehicles[number]
-            if later == 0 and number != ego and car.status == PRESENT:
-                ledger.ahead[row, number, 0] = car.speed
-    for number in range(len(moved)):
-        if not math.isnan(ledger.ahead[row, number, 0]):
-            ledger.ahead[row, number, 1] = moved[number, 0]
+carry_out = commands(_prepare, _relate, _take_out, _act, _drive_on, _listed, _account)
 
 
 def _entry(sources: int) -> Any:
-    @allocating_entry_point
+    @entry_point
     def run(command, buffers, ledger, rows, options, junction, effects, first, end):
-        road, levels, _ = junction
-        settings = options[0]
         for row in range(first, end):
-            if not rows[row] or command == PREPARE:
-                continue
-            if command == BEGIN:
-                _begin(road, buffers, ledger, row, settings, effects[0])
-            elif command == ACCOUNT:
-                _account(road, buffers, ledger, row, settings, effects[0])
-            else:
-                action = command - REPEAT  # below 0 without the ego
-                _look_ahead(road, levels, buffers, ledger, row, action, settings)
+            if rows[row]:
+                carry_out(command, buffers, ledger, row, junction, options[0], effects[0])
         return sources
 
     return run
