@@ -40,7 +40,7 @@ def run(repeats: int) -> dict[str, Any]:
         begin = time.process_time()
         for _ in range(DECISIONS):
             batch.step(rng.integers(0, world.n_actions, BATCH))
-            present.append(float(batch.traffic.n_present.mean()))
+            present.append(float(batch.buffers.episodes["vehicles"].mean()))
         rates.append(BATCH * DECISIONS / (time.process_time() - begin))
     return {
         "decisions_per_s": statistics.median(rates),

@@ -74,12 +74,13 @@ def test_a_look_ahead_with_the_own_action_is_the_step(world: RecordedWorld) -> N
     for action in (0, batch.faster, AS_DRIVER):
         state = batch.save()
         batch.measure(REPEAT + action % (batch.n_actions + 1), np.ones(batch.size, bool))
-        ahead = batch.ledger.ahead[..., 0].copy()
+        ahead = batch.ledger.ahead[:, : world.capacity, 0].copy()
         batch.step(np.full(batch.size, action), auto_reset=False)
         whole = batch.buffers.present[:, 0] > 0
-        there = whole[:, None] & (batch.traffic.status == PRESENT) & ~np.isnan(ahead)
+        vehicles = batch.buffers.vehicles
+        there = whole[:, None] & (vehicles["status"] == PRESENT) & ~np.isnan(ahead)
         assert there.sum() > batch.size / 2
-        assert np.array_equal(ahead[there], batch.traffic.speed[there])
+        assert np.array_equal(ahead[there], vehicles["speed"][there])
         batch.restore(state)
 
 
@@ -199,8 +200,9 @@ def test_a_vehicle_behind_loses_what_it_would_have_driven(world: RecordedWorld) 
     end = world.road.line_first[behind + 1] - world.road.line_first[behind] - 2.0
     batch = world.batch(len(SEEDS))
     batch.reset(SEEDS)
-    egos = batch.traffic.ego == south
-    stopped = batch.traffic.along[:, south] + batch.traffic.speed[:, south] ** 2 / 8.0
+    egos = batch.egos == south
+    vehicle = batch.buffers.vehicles[:, south]
+    stopped = vehicle["along"] + vehicle["speed"] ** 2 / 8.0
     offset = STARTS["behind"] - STARTS["south"]  # of the coordinates on the two ways
     gap = effects.delay_same_approach[egos] - (end - stopped[egos] - offset)
     size = world.road.length[south] / 2 + world.road.length[behind] / 2

@@ -95,9 +95,9 @@ def test_drivers_arrive_and_who_never_brakes_may_not(world):
 def test_an_observation_is_in_the_frame_of_the_route(world):
     """The ego comes from the south; the other's distance beside its route is that to the middle."""
     batch = JunctionBatch(world, 1)
-    seed = next(s for s in range(50) if batch.reset([s]) is not None and batch.traffic.ego[0] == 1)
+    seed = next(s for s in range(50) if batch.reset([s]) is not None and batch.egos[0] == 1)
     seen = batch.reset([seed]).reshape(-1, 7)
-    moment = 0.1 * float(batch.traffic.step[0])
+    moment = 0.1 * float(batch.buffers.episodes["sub_steps"][0])
     entry = 50.0 - 0.75  # of the way from the south
     assert seen[0] == pytest.approx(
         [1.0, 0.0, (entry - 6.0 * moment) / 100, 0.0, -6.0 / 20, 0.0, -1.0], abs=2e-3
@@ -113,8 +113,8 @@ def test_replayed_moments_are_observed_as_the_environment_observes_them(world):
     batch = JunctionBatch(world, 1)
     for seed in range(60):
         seen = batch.reset([seed])[0]
-        if batch.traffic.step[0] == 0:
-            first = table.episode_starts[int(batch.traffic.ego[0])]
+        if batch.buffers.episodes["sub_steps"][0] == 0:
+            first = table.episode_starts[int(batch.egos[0])]
             assert np.array_equal(seen, table.observation[first])
             return
     pytest.fail("no episode begins at the first moment")

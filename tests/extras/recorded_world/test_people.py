@@ -58,16 +58,16 @@ def peopled():
 
 
 def drive(world: RecordedWorld, ego: int, action: int, seeds=range(20)):
-    """Decisions of episodes from the ego's first state to the end, and the traffic after each."""
+    """Decisions of episodes from the ego's first state to the end."""
     world = dataclasses.replace(world, road=world.road._replace(egos=np.array([ego])))
     batch, begun = world.batch(1), int(world.road.state_step[ego])
     for seed in seeds:
         batch.reset([seed])
-        if batch.traffic.begun[0] != begun:
+        if batch.buffers.episodes["begun"][0] != begun:
             continue
         while True:
             decisions = batch.step(np.array([action]), auto_reset=False)
-            yield decisions, batch.traffic
+            yield decisions
             if decisions.ending[0] != Ending.NONE:
                 break
         return
@@ -84,7 +84,7 @@ def test_people_are_where_they_were_recorded(peopled):
 
 
 def test_who_drives_on_hits_the_pedestrian(peopled):
-    *_, (decisions, _) = drive(peopled.world, WEST, GO)
+    *_, decisions = drive(peopled.world, WEST, GO)
     assert decisions.ending[0] == Ending.COLLISION
     assert decisions.contact[0] == Contact.EGO_STRUCK
     hits = {name: value[0] for name, value in decisions.signals.items() if name.endswith("_hit")}
@@ -95,12 +95,12 @@ def test_a_calibrated_driver_brakes_for_the_pedestrian_and_for_the_cyclist(peopl
     slowest = {}
     for ego in (WEST, SOUTH):
         steps = list(drive(peopled.world, ego, AS_DRIVER))
-        assert all(not decisions.signals[name].any() for decisions, _ in steps
+        assert all(not decisions.signals[name].any() for decisions in steps
                    for name in decisions.signals if name.endswith("_hit"))  # fmt: skip
-        assert steps[-1][0].ending[0] != Ending.COLLISION
-        slowest[ego] = min(float(decisions.speed[0]) for decisions, _ in steps)
+        assert steps[-1].ending[0] != Ending.COLLISION
+        slowest[ego] = min(float(decisions.speed[0]) for decisions in steps)
     alone = build([Recording(tracks(), crossing_road())], WorldConfig()).world
-    free = min(float(decisions.speed[0]) for decisions, _ in drive(alone, WEST, AS_DRIVER))
+    free = min(float(decisions.speed[0]) for decisions in drive(alone, WEST, AS_DRIVER))
     assert slowest[WEST] < 4.0 < 6.0 < free
     assert contacts(peopled, 0, 3) | {"deepest_contact": 0} == {
         "vehicles": 9, "pairs_in_contact": 0, "deepest_contact": 0, "people": 6, "hit_a_person": 0,
@@ -114,7 +114,7 @@ def test_a_person_who_walks_into_a_standing_ego_struck_it(peopled):
     state[:FRAMES, 0] = -32.0
     state[:FRAMES, 1] = -12.0 + 0.2 * np.arange(FRAMES)
     world = dataclasses.replace(peopled.world, road=road._replace(person_state=state))
-    *_, (decisions, _) = drive(world, WEST, WAIT)
+    *_, decisions = drive(world, WEST, WAIT)
     assert decisions.contact[0] == Contact.EGO_WAS_STRUCK and decisions.signals["pedestrian_hit"][0]
 
 
@@ -125,7 +125,7 @@ def test_others_who_hit_somebody_are_counted(peopled):
     state[:FRAMES] = [-60.0, 0.0, 0.0, 20.0]
     state[:FRAMES, 0] += 2.0 * np.arange(FRAMES)
     world = dataclasses.replace(peopled.world, road=road._replace(person_state=state))
-    hits = [decisions.signals["others_hit"][0] for decisions, _ in drive(world, BEHIND, WAIT)]
+    hits = [decisions.signals["others_hit"][0] for decisions in drive(world, BEHIND, WAIT)]
     assert sum(hits) == 1.0
     assert contacts(peopled._replace(world=world), 0)["hit_a_person"] == 1
 
@@ -134,10 +134,11 @@ def test_the_ego_observes_people(peopled):
     batch = peopled.world.batch(1)
     for seed in range(50):
         batch.reset([seed])
-        if batch.traffic.ego[0] == WEST:
+        if batch.egos[0] == WEST:
             break
     rows = batch.observation.reshape(-1, 7)
-    step, along = int(batch.traffic.step[0]), batch.traffic.along[0, WEST]
+    step = int(batch.buffers.episodes["sub_steps"][0])
+    along = batch.buffers.vehicles["along"][0, WEST]
     state = peopled.world.road.person_state[step]
     origin = peopled.world.road.origin[WEST]
     at = -40.0 + along - peopled.world.road.state[0, 0]
@@ -196,7 +197,7 @@ def test_a_file_whose_people_do_not_fit_is_refused(peopled, tmp_path, name, valu
 
 def test_effects_are_measured_where_the_ego_hits_somebody(peopled):
     world = dataclasses.replace(peopled.world, effects=EffectOptions())
-    *_, (decisions, _) = drive(world, WEST, GO)
+    *_, decisions = drive(world, WEST, GO)
     assert decisions.ending[0] == Ending.COLLISION and np.isfinite(decisions.rewards.social).all()
 
 

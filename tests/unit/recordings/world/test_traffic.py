@@ -1,4 +1,5 @@
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -64,17 +65,17 @@ def test_compiled_and_interpreted_rules_agree(waits):
 
 
 def test_the_place_of_another_on_ones_way():
-    first, stretch = np.array([0, 1]), np.array([[10.0, 30.0, 50.0, 70.0]])
-    assert traffic.ahead_of(first, stretch, 0, 15.0, 40.0) == 55.0
-    assert traffic.ahead_of(first, stretch, 0, 15.0, 60.0) == -math.inf  # behind
-    assert traffic.ahead_of(first, stretch, 0, 31.0, 40.0) == -math.inf  # not in the way
+    road = SimpleNamespace(stretch_first=[0, 1], stretch=np.array([[10.0, 30.0, 50.0, 70.0]]))
+    assert traffic.ahead_of(road, 0, 15.0, 40.0) == 55.0
+    assert traffic.ahead_of(road, 0, 15.0, 60.0) == -math.inf  # behind
+    assert traffic.ahead_of(road, 0, 31.0, 40.0) == -math.inf  # not in the way
 
 
 def test_a_line_is_closed_for_its_time():
-    first, closed = np.array([0, 1]), np.array([[20.0, 2.0, 5.0]])
-    assert traffic.closed_line(first, closed, 0, 10.0, 2.0) == 20.0
+    road = SimpleNamespace(closed_first=[0, 1], closed=np.array([[20.0, 2.0, 5.0]]))
+    assert traffic.closed_line(road, 0, 10.0, 2.0) == 20.0
     for front, now in ((21.0, 3.0), (10.0, 1.9), (10.0, 5.0)):
-        assert traffic.closed_line(first, closed, 0, front, now) == math.inf
+        assert traffic.closed_line(road, 0, front, now) == math.inf
 
 
 def test_draws_are_uniform_and_normal_and_their_own():

@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 from socialiq.physics import wrapped
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.types import Row
+from socialiq.worlds.highway.options import settings_of
 from socialiq_recordings.conflicts.encounters import Encounters
 from socialiq_recordings.conflicts.ways import Way
 from socialiq_recordings.plausible import overlaps
 from socialiq_recordings.recording import Recording, Tracks
 from socialiq_recordings.road.routes import Scene
-from socialiq_recordings.world.batch import Traffic
+from socialiq_recordings.world.batch import records_of
 from socialiq_recordings.world.build import Made
 from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.drivers import Observed, observe
@@ -127,14 +128,15 @@ def run(
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
 
-    traffic = Traffic.of(world, 1)
-    traffic.seed[0] = seed
+    records = records_of(world, 1)
+    records[0]["state_low"] = seed
     states = np.full((1, steps, world.capacity, 2), np.nan)
-    arguments = world.road, traffic, np.array([recording]), states, steps, world.config.slack
-    run_in_parts(core.without_ego, 1, 1, *arguments)
+    road = world.road, records, np.array([recording])
+    settings = settings_of(world.options), world.config.slack
+    run_in_parts(core.without_ego, 1, 1, *road, states, steps, *settings)
     first = world.road.recording_first
     vehicles = int(first[recording + 1] - first[recording])
-    return states[0, :, :vehicles], int(traffic.others_hit[0])
+    return states[0, :, :vehicles], int(records[0]["others_hit"][0])
 
 
 def _moved(

@@ -1,10 +1,10 @@
 """Compiled entry points: resets and decisions of recorded junctions, and traffic without an ego.
 
-`gym`, `replay` and `compare` call them. `row` is an episode, `base` the first vehicle of its
-recording, `count` the number of its vehicles.
+`batch`, `replay` and `compare` call them with the records of `batch.records_of`.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +17,21 @@ from socialiq.worlds.highway.core.compile import (
     kernel,
 )
 from socialiq.worlds.highway.core.splitmix import hashed
-from socialiq.worlds.highway.options import DECIDE, SKIP, Contact
+from socialiq.worlds.highway.options import DECIDE_AND_RESET, RESET, SKIP, Contact
 from socialiq_recordings.idm import HARDEST
 from socialiq_recordings.world import people
 from socialiq_recordings.world import traffic as rules
+from socialiq_recordings.world.geometry import four, put
 from socialiq_recordings.world.observation import annotate, observe, others_touched, touched
-from socialiq_recordings.world.traffic import DT, GONE, PRESENT, WAITING, ahead_of
+from socialiq_recordings.world.traffic import (
+    DT,
+    GONE,
+    PRESENT,
+    WAITING,
+    ahead_of,
+    count_of,
+    pair_of,
+)
 
 # Purposes of random numbers; those below 100 belong to drivers.
 _EGO = 100
@@ -31,100 +40,114 @@ _NONE, _ARRIVAL, _COLLISION, _TIMEOUT, _OTHER = (int(kind) for kind in Ending)
 _UNTOUCHED = int(Contact.NONE)
 _LEAST_WAY = 15.0  # m that the ego has ahead of it when it begins
 _CURVE = 0.5  # s in which the ego's control comes down to the speed of a curve
+_BRAKES = 3.0  # m/s², with which a vehicle that enters can stop behind another
 
 
 @kernel
-def _put(traffic, row, vehicle, along, speed):
-    traffic.status[row, vehicle] = PRESENT
-    traffic.along[row, vehicle] = along
-    traffic.speed[row, vehicle] = speed
-    traffic.before[row, vehicle] = speed
-    traffic.barrier[row, vehicle] = math.inf
-    traffic.present[row, traffic.n_present[row]] = vehicle
-    traffic.n_present[row] += 1
+def _enter(road, episode, vehicles, car, along, speed):
+    """Let a vehicle enter the road, as the last of its list."""
+    put(road, car, along)
+    car.status = PRESENT
+    car.speed = speed
+    car.before = speed
+    car.barrier = math.inf
+    vehicles[episode.vehicles].present = car.identity
+    episode.vehicles += 1
 
 
 @kernel
-def snapshot(road, traffic, row, base, count, vehicles):
-    """Write place, speed and status of every vehicle.
-
-    A vehicle that waits has the place of its entry and no speed (NaN); one that has gone has the
-    end of its way.
+def end_of(road, way):
+    """Return the coordinate at which a vehicle leaves the road at the end of its way, m.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`.
-        row: Episode.
-        base: First vehicle of its recording.
-        count: Number of vehicles of its recording.
-        vehicles: VEHICLE records that are written.
+        way: Number of the way.
     """
-    for number in range(count):
-        vehicle = vehicles[number]
-        state = road.state_first[base + number]
-        vehicle.status = traffic.status[row, number]
-        vehicle.along = traffic.along[row, number]
-        vehicle.speed = traffic.speed[row, number]
-        if vehicle.status == WAITING:
-            vehicle.along = road.state[state, 0]
-            vehicle.speed = math.nan
-        elif vehicle.status == GONE:
-            points = road.line_first[base + number + 1] - road.line_first[base + number]
-            vehicle.along = min(vehicle.along, points - 2.0)
+    return road.line_first[way + 1] - road.line_first[way] - 2.0
+
+
+@kernel
+def remove(road, episode, vehicles, number):
+    """Take a vehicle off the road; those behind it in the list move up.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        episode: EPISODE record.
+        vehicles: VEHICLE records of the episode.
+        number: Number of the vehicle in its recording.
+    """
+    car = vehicles[number]
+    car.status = GONE
+    car.along = min(car.along, end_of(road, car.way))
+    remaining = 0
+    for slot in range(episode.vehicles):
+        present = vehicles[slot].present
+        if present != number:
+            vehicles[remaining].present = present
+            remaining += 1
+    episode.vehicles = remaining
 
 
 @inlined_kernel
-def populate(road, traffic, row, recording, ego, step):
+def populate(road, episode, vehicles, recording, ego, step):
     """Place the vehicles that were recorded at a sub-step as they were then.
 
-    Drivers draw their parameters; the desired speed is at least the recorded first one.
+    Drivers draw their parameters; the desired speed is at least the recorded first one. A vehicle
+    that waits has the place of its entry and no speed (NaN); one that has gone has the end of its
+    way.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`; the seed of the row is set.
-        row: Episode.
+        episode: EPISODE record, whose seed is set.
+        vehicles: VEHICLE records of the episode, which are written.
         recording: Number of the recording.
         ego: Number of the ego in its recording; -1 for no ego.
         step: Sub-step from the recording's first frame.
     """
-    base = road.recording_first[recording]
-    end = road.recording_first[recording + 1]
-    traffic.recording[row] = recording
-    traffic.ego[row] = ego
-    traffic.step[row] = traffic.begun[row] = step
-    traffic.n_present[row] = 0
-    traffic.touched[row, : end - base] = 0
-    traffic.met[row, : end - base] = 0
-    for vehicle in range(end - base):
-        first = road.state_first[base + vehicle]
-        last = road.state_first[base + vehicle + 1] - 1
-        for number in range(len(road.drivers)):
-            mean = road.drivers[number, 0]
-            deviation = road.drivers[number, 1]
-            value = mean + deviation * rules.normal(traffic.seed[row], number, vehicle)
-            value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
-            traffic.driver[row, vehicle, number] = value
-        desired = max(traffic.driver[row, vehicle, 0], road.state[first, 1])
-        traffic.driver[row, vehicle, 0] = desired
-        since = step - road.state_step[base + vehicle]
+    episode.recording = recording
+    episode.controlled[0] = ego
+    episode.begun = step
+    episode.sub_steps = step
+    episode.time = 0.0
+    episode.vehicles = 0
+    for number in range(count_of(road, episode)):
+        car = vehicles[number]
+        car.way = way = road.recording_first[recording] + number
+        car.length = road.length[way]
+        car.width = road.width[way]
+        car.level = math.nan
+        car.touched = car.met = False
+        car.times[:] = -1
+        for parameter in range(len(road.drivers)):
+            mean, deviation, low, high = four(road.drivers, parameter)
+            value = mean + deviation * rules.normal(episode.state_low, parameter, number)
+            car.driver[parameter] = min(max(value, low), high)
+        first = road.state_first[way]
+        car.driver[0] = max(car.driver[0], road.state[first, 1])
+        since = step - road.state_step[way]
         if since < 0:
-            traffic.status[row, vehicle] = WAITING
-        elif since <= last - first:
-            _put(traffic, row, vehicle, road.state[first + since, 0], road.state[first + since, 1])
+            car.status = WAITING
+            put(road, car, road.state[first, 0])
+            car.speed = math.nan
+        elif since < road.state_first[way + 1] - first:
+            along = road.state[first + since, 0]
+            _enter(road, episode, vehicles, car, along, road.state[first + since, 1])
         else:
-            traffic.status[row, vehicle] = GONE
+            car.status = GONE
+            car.along = end_of(road, way)
+            car.speed = 0.0
 
 
 @inlined_kernel
-def reset(road, traffic, row):
-    """Begin an episode: draw the ego's place and the moment from the row's seed.
+def reset(road, episode, vehicles):
+    """Begin an episode: draw the ego's place and the moment from the episode's seed.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`; the seed of the row is set.
-        row: Episode.
+        episode: EPISODE record, whose seed is set.
+        vehicles: VEHICLE records of the episode, which are written.
     """
-    seed = traffic.seed[row]
+    seed = episode.state_low
     vehicle = road.egos[np.int64(rules.uniform(seed, _EGO, 0) * len(road.egos))]
     recording = np.int64(0)
     while road.recording_first[recording + 1] <= vehicle:
@@ -138,254 +161,221 @@ def reset(road, traffic, row):
         moments += 1
     moment = np.int64(rules.uniform(seed, _MOMENT, 0) * moments)
     ego = vehicle - road.recording_first[recording]
-    populate(road, traffic, row, recording, ego, road.state_step[vehicle] + moment)
+    populate(road, episode, vehicles, recording, ego, road.state_step[vehicle] + moment)
 
 
-@inlined_kernel
-def enter(road, traffic, row, base, count):
+@kernel
+def enter(road, episode, vehicles):
     """Let waiting vehicles enter whose time has come and whose place is free.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`.
-        row: Episode.
-        base: First vehicle of its recording.
-        count: Number of vehicles of its recording.
+        episode: EPISODE record.
+        vehicles: VEHICLE records of the episode.
     """
-    pairs = road.pair_first[traffic.recording[row]]
-    for vehicle in range(count):
-        if traffic.status[row, vehicle] != WAITING:
+    for number in range(count_of(road, episode)):
+        car = vehicles[number]
+        if car.status != WAITING or road.state_step[car.way] > episode.sub_steps:
             continue
-        if road.state_step[base + vehicle] > traffic.step[row]:
-            continue
-        begin = road.state_first[base + vehicle]
-        along = road.state[begin, 0]
-        speed = road.state[begin, 1]
-        half = 0.5 * road.length[base + vehicle]
-        jam = traffic.driver[row, vehicle, 2]
-        recording = traffic.recording[row]
-        step = traffic.step[row]
-        gap, pace = people.ahead(road, recording, step, base + vehicle, along)
+        along = car.along
+        speed = road.state[road.state_first[car.way], 1]
+        half = 0.5 * car.length
+        jam = car.driver[rules.S0]
+        gap, pace = people.ahead(road, episode, car)
         free = gap > jam
         # It enters no faster than lets it stop behind another.
-        speed = min(speed, math.sqrt(pace**2 + 2.0 * 3.0 * max(gap - jam, 0.0)))
-        for slot in range(traffic.n_present[row]):
-            present = traffic.present[row, slot]
-            along_there = traffic.along[row, present]
-            need = half + 0.5 * road.length[base + present]
-            pair = pairs + vehicle * count + present
-            back = pairs + present * count + vehicle
-            at = ahead_of(road.stretch_first, road.stretch, pair, along_there, along)
+        speed = min(speed, math.sqrt(pace**2 + 2.0 * _BRAKES * max(gap - jam, 0.0)))
+        for slot in range(episode.vehicles):
+            present = vehicles[vehicles[slot].present]
+            need = half + 0.5 * present.length
+            at = ahead_of(road, pair_of(road, episode, car, present), present.along, along)
             if at > along:
                 clear = at - along - need - jam
                 free = free and clear > 0.0
-                reach = traffic.speed[row, present] ** 2 + 2.0 * 3.0 * max(clear, 0.0)
+                reach = present.speed**2 + 2.0 * _BRAKES * max(clear, 0.0)
                 speed = min(speed, math.sqrt(reach))
-            behind = ahead_of(road.stretch_first, road.stretch, back, along, along_there)
-            if behind > along_there:
-                free = free and behind - along_there - need > 0.5
+            behind = ahead_of(road, pair_of(road, episode, present, car), along, present.along)
+            if behind > present.along:
+                free = free and behind - present.along - need > 0.5
         if free:
-            _put(traffic, row, vehicle, along, speed)
+            _enter(road, episode, vehicles, car, along, speed)
 
 
-@inlined_kernel
-def sub_step(road, traffic, row, base, count, level, fastest):
+@kernel
+def sub_step(road, episode, vehicles, settings):
     """Advance by a sub-step; vehicles at the end of their ways leave the road, the ego stays.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`.
-        row: Episode.
-        base: First vehicle of its recording.
-        count: Number of vehicles of its recording.
-        level: Acceleration of the ego, m/s²; with NaN it drives as a driver of the population.
-        fastest: Largest speed of the ego, m/s; not used if `level` is NaN.
+        episode: EPISODE record.
+        vehicles: VEHICLE records of the episode.
+        settings: SETTINGS record of the world.
     """
-    now = traffic.step[row] * DT
-    for slot in range(traffic.n_present[row]):
-        vehicle = traffic.present[row, slot]
-        rate = rules.drive(road, traffic, row, base, count, vehicle, now)
-        if vehicle == traffic.ego[row] and not math.isnan(level):
-            along = traffic.along[row, vehicle]
-            speed = traffic.speed[row, vehicle]
-            limit = rules.limit_at(road.line_first, road.line, base + vehicle, along)
-            rate = min(level, max((min(limit, fastest) - speed) / _CURVE, -HARDEST))
-        traffic.rate[row, vehicle] = rate
-    for slot in range(traffic.n_present[row]):
-        vehicle = traffic.present[row, slot]
-        driven, speed = ballistic(traffic.speed[row, vehicle], traffic.rate[row, vehicle], DT)
-        traffic.along[row, vehicle] += driven
-        traffic.speed[row, vehicle] = speed
-    traffic.step[row] += 1
-    remaining = 0
-    for slot in range(traffic.n_present[row]):
-        vehicle = traffic.present[row, slot]
-        points = road.line_first[base + vehicle + 1] - road.line_first[base + vehicle]
-        if vehicle != traffic.ego[row] and traffic.along[row, vehicle] >= points - 2.0:
-            traffic.status[row, vehicle] = GONE
-        else:
-            traffic.present[row, remaining] = vehicle
-            remaining += 1
-    traffic.n_present[row] = remaining
-    enter(road, traffic, row, base, count)
+    ego = episode.controlled[0]
+    for slot in range(episode.vehicles):
+        car = vehicles[vehicles[slot].present]
+        car.acceleration = rules.drive(road, episode, vehicles, car)
+        if not math.isnan(car.level):
+            fastest = min(rules.limit_at(road, car), settings.max_speed)
+            car.acceleration = min(car.level, max((fastest - car.speed) / _CURVE, -HARDEST))
+    for slot in range(episode.vehicles):
+        car = vehicles[vehicles[slot].present]
+        driven, speed = ballistic(car.speed, car.acceleration, DT)
+        put(road, car, car.along + driven)
+        car.speed = speed
+    episode.sub_steps += 1
+    for slot in range(episode.vehicles - 1, -1, -1):
+        car = vehicles[vehicles[slot].present]
+        if car.identity != ego and car.along >= end_of(road, car.way):
+            remove(road, episode, vehicles, car.identity)
+    enter(road, episode, vehicles)
+
+
+@kernel
+def _copy(vehicles, target):
+    """Copy the vehicles of an episode if there is space, which is where effects are measured."""
+    for number in range(len(target)):
+        target[number] = vehicles[number]
 
 
 @inlined_kernel
-def decide(road, traffic, results, row, level, settings, slack):
+def decide(road, buffers, row, settings, slack):
     """Run the sub-steps of a decision and write its results.
 
     The episode ends with a contact, past a closed line, at the arrival or after its duration.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`.
-        results: Buffers that are written.
-        row: Episode, and row of the buffers.
-        level: Acceleration of the ego, m/s²; with NaN it drives as a driver of the population.
+        buffers: Arrays of the batch, which are written.
+        row: Row of the episode.
         settings: SETTINGS record of the world.
         slack: Length by which vehicles are narrower and shorter than recorded, m.
     """
-    recording = traffic.recording[row]
-    ego = traffic.ego[row]
-    base = road.recording_first[recording]
-    count = road.recording_first[recording + 1] - base
-    vehicle = base + ego
-    half = 0.5 * road.length[base + ego]
-    start = traffic.along[row, ego]
+    episode = buffers.episodes[row]
+    vehicles = buffers.vehicles[row]
+    ego = vehicles[episode.controlled[0]]
+    half = 0.5 * ego.length
+    start = ego.along
+    for slot in range(episode.vehicles):
+        car = vehicles[vehicles[slot].present]
+        car.before = car.speed
+    _copy(vehicles, buffers.before[row])
     ending = _NONE
-    for slot in range(traffic.n_present[row]):
-        number = traffic.present[row, slot]
-        traffic.before[row, number] = traffic.speed[row, number]
-    if len(results.trace):
-        snapshot(road, traffic, row, base, count, results.before[row])
-    results.contact[row] = _UNTOUCHED
-    results.neighbours_collided[row] = 0
-    traffic.hit[row] = traffic.others_hit[row] = 0
+    contact = _UNTOUCHED
+    neighbours_collided = 0
+    episode.hit = 0
+    episode.others_hit = 0
     for frame in range(settings.frames):
-        front = traffic.along[row, ego] + half
-        now = traffic.step[row] * DT
-        line = rules.closed_line(road.closed_first, road.closed, vehicle, front, now)
-        sub_step(road, traffic, row, base, count, level, settings.max_speed)
-        if len(results.trace):
-            snapshot(road, traffic, row, base, count, results.trace[row, frame])
-        results.neighbours_collided[row] += others_touched(road, traffic, row, base, slack)
-        traffic.others_hit[row] += people.others_touched(road, traffic, row, base, slack)
-        contact = touched(road, traffic, row, base, slack)
-        if contact == _UNTOUCHED:
-            contact = people.touched(road, traffic, row, base, slack)
+        now = episode.sub_steps * DT
+        line = rules.closed_line(road, ego.way, ego.along + half, now)
+        sub_step(road, episode, vehicles, settings)
+        if len(buffers.trace):
+            _copy(vehicles, buffers.trace[row, frame])
+        collided, hits = others_touched(road, episode, vehicles, slack)
+        neighbours_collided += collided
+        episode.others_hit += hits
+        contact = touched(road, episode, vehicles, slack)
         if contact != _UNTOUCHED:
-            results.contact[row] = contact
             ending = _COLLISION
-        elif traffic.along[row, ego] + half >= line:
+        elif ego.along + half >= line:
             ending = _OTHER
-        elif traffic.along[row, ego] >= road.arrival[vehicle]:
+        elif ego.along >= road.arrival[ego.way]:
             ending = _ARRIVAL
         if ending != _NONE:
             break
-    elapsed = (traffic.step[row] - traffic.begun[row]) * DT
-    if ending == _NONE and elapsed >= settings.duration - 1e-9:
+    steps = episode.sub_steps - episode.begun
+    if ending == _NONE and steps * DT >= settings.duration - 1e-9:
         ending = _TIMEOUT
-    results.speed[row] = traffic.speed[row, ego]
-    results.ending[row] = ending
-    progress = traffic.along[row, ego] - start
-    annotate(road, traffic, row, base, count, progress, ending, settings, results, row)
-    whole = (traffic.step[row] - traffic.begun[row]) % settings.frames == 0
-    results.present[row, 0] = count if whole else 0  # no effect is judged of a part
-    if len(results.trace):
-        snapshot(road, traffic, row, base, count, results.after[row])
-
-
-@inlined_kernel
-def replay_moment(road, traffic, results, moment, recording, ego, step, settings):
-    """Write observation and rewards of a recorded state and the decision that follows it.
-
-    Args:
-        road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`, whose first row is overwritten.
-        results: Buffers that are written.
-        moment: Row of the buffers.
-        recording: Number of the recording.
-        ego: Number of the recorded vehicle in its recording.
-        step: Sub-step of the state from the recording's first frame.
-        settings: SETTINGS record of the world.
-    """
-    base = road.recording_first[recording]
-    count = road.recording_first[recording + 1] - base
-    populate(road, traffic, 0, recording, ego, step)
-    observe(road, traffic, 0, base, count, results.observation[moment])
-    results.speed[moment] = traffic.speed[0, ego]
-    start = traffic.along[0, ego]
-    populate(road, traffic, 0, recording, ego, step + settings.frames)
-    for slot in range(traffic.n_present[0]):
-        vehicle = traffic.present[0, slot]
-        begun = max(road.state_step[base + vehicle], step)
-        at = road.state_first[base + vehicle] + begun - road.state_step[base + vehicle]
-        traffic.before[0, vehicle] = road.state[at, 1]
-    progress = traffic.along[0, ego] - start
-    ending = _ARRIVAL if traffic.along[0, ego] >= road.arrival[base + ego] else _NONE
-    results.ending[moment] = ending
-    annotate(road, traffic, 0, base, count, progress, ending, settings, results, moment)
+    episode.time = steps // settings.frames * settings.decision
+    buffers.contact[row] = contact
+    buffers.neighbours_collided[row] = neighbours_collided
+    buffers.speed[row] = ego.speed
+    buffers.ending[row] = ending
+    progress = ego.along - start
+    annotate(road, episode, vehicles, progress, ending, settings, buffers, row)
+    whole = steps % settings.frames == 0
+    buffers.present[row, 0] = count_of(road, episode) if whole else 0  # no part is judged
+    _copy(vehicles, buffers.after[row])
 
 
 def _entries(sources: int):
     @allocating_entry_point
-    def run(results, commands, seeds, seeded, actions, options, junction, first, end):
-        road, traffic, levels, slack = junction
+    def run(buffers, commands, seeds, seeded, actions, options, junction, first, end):
+        road, levels, slack = junction
         for row in range(first, end):
-            if commands[row] == SKIP:
+            command = commands[row]
+            if command == SKIP:
                 continue
-            if commands[row] == DECIDE:
-                decide(road, traffic, results, row, levels[actions[row]], options[0], slack)
-            else:
+            episode = buffers.episodes[row]
+            vehicles = buffers.vehicles[row]
+            if command != RESET:
+                vehicles[episode.controlled[0]].level = levels[actions[row]]
+                decide(road, buffers, row, options[0], slack)
+                observe(road, episode, vehicles, buffers.observation[row])
+                buffers.reached[row] = buffers.observation[row]
+            ends = command == DECIDE_AND_RESET and buffers.ending[row] != _NONE
+            if command == RESET or ends:
+                episode.state_low = rules.following(episode.state_low)
                 if seeded[row]:
-                    traffic.seed[row] = hashed(seeds[row])
-                else:
-                    traffic.seed[row] = rules.following(traffic.seed[row])
-                reset(road, traffic, row)
-            base = road.recording_first[traffic.recording[row]]
-            count = road.recording_first[traffic.recording[row] + 1] - base
-            observe(road, traffic, row, base, count, results.observation[row])
+                    episode.state_low = hashed(seeds[row])
+                episode.increment_low = 1  # the row has begun
+                reset(road, episode, vehicles)
+                observe(road, episode, vehicles, buffers.observation[row])
         return sources  # so that the cache depends on the sources
 
     @allocating_entry_point
-    def replay(road, traffic, results, recordings, egos, steps, options, first, end):
+    def replay(road, state, results, recordings, egos, steps, options, first, end):
+        episode = state[0][0]
+        vehicles = state[1][0]
+        frames = options[0].frames
         for moment in range(first, end):
-            at = recordings[moment], egos[moment], steps[moment]
-            replay_moment(road, traffic, results, moment, at[0], at[1], at[2], options[0])
+            step = steps[moment]
+            ego = vehicles[egos[moment]]
+            populate(road, episode, vehicles, recordings[moment], egos[moment], step)
+            observe(road, episode, vehicles, results.observation[moment])
+            results.speed[moment] = ego.speed
+            start = ego.along
+            populate(road, episode, vehicles, recordings[moment], egos[moment], step + frames)
+            for slot in range(episode.vehicles):
+                car = vehicles[vehicles[slot].present]
+                since = max(step - road.state_step[car.way], 0)
+                car.before = road.state[road.state_first[car.way] + since, 1]
+            ending = _ARRIVAL if ego.along >= road.arrival[ego.way] else _NONE
+            results.ending[moment] = ending
+            progress = ego.along - start
+            annotate(road, episode, vehicles, progress, ending, options[0], results, moment)
         return sources
 
     @allocating_entry_point
-    def without_ego(road, traffic, recordings, states, steps, slack, first, end):
+    def without_ego(road, state, recordings, states, steps, options, slack, first, end):
         for row in range(first, end):
-            populate(road, traffic, row, recordings[row], -1, 0)
-            base = road.recording_first[recordings[row]]
-            count = road.recording_first[recordings[row] + 1] - base
+            episode = state[0][row]
+            vehicles = state[1][row]
+            populate(road, episode, vehicles, recordings[row], -1, 0)
             for step in range(steps):
-                for slot in range(traffic.n_present[row]):
-                    vehicle = traffic.present[row, slot]
-                    states[row, step, vehicle, 0] = traffic.along[row, vehicle]
-                    states[row, step, vehicle, 1] = traffic.speed[row, vehicle]
-                sub_step(road, traffic, row, base, count, math.nan, 1.0)
-                traffic.others_hit[row] += people.others_touched(road, traffic, row, base, slack)
+                for slot in range(episode.vehicles):
+                    car = vehicles[vehicles[slot].present]
+                    states[row, step, car.identity, 0] = car.along
+                    states[row, step, car.identity, 1] = car.speed
+                sub_step(road, episode, vehicles, options[0])
+                _, hits = others_touched(road, episode, vehicles, slack)
+                episode.others_hit += hits
         return sources
 
     return run, replay, without_ego
 
 
-run, replay, without_ego = _entries(fingerprint(__file__))
-"""Entry points.
+_run, _replay, _without_ego = _entries(fingerprint(__file__))
 
-Args:
-    results: `state.Buffers`.
-    commands: RESET, DECIDE or SKIP of `state`, by row.
-    seeds: Seeds of the streams that a reset begins, uint64.
-    seeded: Whether a reset begins a stream, by row.
-    actions: Numbers of levels.
-    options: SETTINGS record in an array of one.
-    junction: `recorded_world.Road`, `gym.Traffic`, the levels in m/s² (NaN: as a driver of the
-        population) and m by which vehicles are smaller than recorded.
-    first: First row of the part to do.
-    end: End of that part.
+run: Any = _run
+"""Carry out a command for every episode of a batch; see `highway.core.step.run`.
+
+The junction is `recorded_world.Road`, the levels in m/s² by action (NaN: as a driver of the
+population) and the m by which vehicles are smaller than recorded.
 """
 
-__all__ = ["replay", "run", "without_ego"]
+replay: Any = _replay
+"""Write observation and rewards of recorded moments, by recordings, egos and sub-steps."""
+
+without_ego: Any = _without_ego
+"""Drive all vehicles from the first frame; write their coordinates, m, and speeds, m/s."""

@@ -1,71 +1,26 @@
 """Commands of what the ego causes at a recorded junction (`highway.effects`), compiled.
 
 Later vehicles enter where and when they were recorded, and drivers make no draws after they
-entered: both worlds have the same traffic. A vehicle's metres end with its recorded way. The
-commands drive the traffic of a batch on, which `batch.JunctionBatch.measure` puts back.
+entered: both worlds have the same traffic. A vehicle's metres end with its recorded way.
 """
 
 from __future__ import annotations
 
-import collections
 import math
 from typing import Any
 
 import numpy as np
 
 from socialiq.types import Ending
-from socialiq.worlds.highway.core.compile import (
-    allocating_entry_point,
-    allocating_kernel,
-    fingerprint,
-    kernel,
-)
-from socialiq.worlds.highway.core.effects import HARD, encounter, write
-from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, RELATIONS, REPEAT
-from socialiq_recordings.world.core import snapshot, sub_step
-from socialiq_recordings.world.geometry import place_of
-from socialiq_recordings.world.observation import overlap
-from socialiq_recordings.world.traffic import DT, GONE, PRESENT
+from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.effects import HARD, commands, copied, encounter, write
+from socialiq.worlds.highway.effects import RELATIONS
+from socialiq_recordings.world.core import remove, sub_step
+from socialiq_recordings.world.traffic import DT, GONE, PRESENT, count_of, pair_of
 
 _ARRIVED = int(Ending.ARRIVAL)
 _COLLIDED = int(Ending.COLLISION)
 _SAME_APPROACH, _SAME_EXIT, _CROSSING = range(len(RELATIONS))
-
-_Mover = collections.namedtuple("_Mover", "x y along_x along_y speed")
-
-_Place = collections.namedtuple("_Place", "row recording base count ego")
-"""Row of an episode, its recording, first vehicle, number of vehicles, and its ego."""
-
-
-@kernel
-def _remove(traffic, row, vehicle):
-    traffic.status[row, vehicle] = GONE
-    remaining = 0
-    for slot in range(traffic.n_present[row]):
-        if traffic.present[row, slot] != vehicle:
-            traffic.present[row, remaining] = traffic.present[row, slot]
-            remaining += 1
-    traffic.n_present[row] = remaining
-
-
-@kernel
-def _mover(road, vehicle, state):
-    x, y, heading = place_of(road.line_first, road.line, vehicle, state.along)
-    return _Mover(x, y, math.cos(heading), math.sin(heading), state.speed)
-
-
-@kernel
-def _struck(road, traffic, at, slack):
-    """Return the vehicle that the ego overlaps; the ego if it overlaps none, but a person."""
-    for slot in range(traffic.n_present[at.row]):
-        vehicle = traffic.present[at.row, slot]
-        along = traffic.along[at.row, at.ego]
-        there = traffic.along[at.row, vehicle]
-        if vehicle == at.ego:
-            continue
-        if overlap(road, at.base + at.ego, along, at.base + vehicle, there, slack)[0]:
-            return vehicle
-    return at.ego
 
 
 @kernel
@@ -80,203 +35,178 @@ def _relation(road, pair, back):
 
 
 @kernel
-def _note(times, vehicle, column, step):
+def _note(times, column, step):
     """Write that a vehicle is in an area at a sub-step."""
-    if times[vehicle, column] < 0:
-        times[vehicle, column] = step
-    times[vehicle, column + 1] = step
+    if times[column] < 0:
+        times[column] = step
+    times[column + 1] = step
 
 
 @kernel
-def _look(road, at, vehicles, step, driving, times):
+def _look(road, episode, number_of_ego, vehicles, step, driving, noted):
     """Note the vehicles in an area with the ego's way; return the closest predicted encounter."""
     closest = 0.0
-    pairs = road.pair_first[at.recording] + at.ego * at.count
-    along = vehicles[at.ego].along
-    half = 0.5 * road.length[at.base + at.ego]
-    for vehicle in range(at.count):
-        area = road.area_of[pairs + vehicle]
-        if vehicle == at.ego or area < 0:
+    ego = vehicles[number_of_ego]
+    half = 0.5 * ego.length
+    for number in range(count_of(road, episode)):
+        car = vehicles[number]
+        area = road.area_of[pair_of(road, episode, ego, car)]
+        if number == number_of_ego or area < 0:
             continue
-        if driving and road.area[area, 0] - half < along < road.area[area, 1] + half:
-            _note(times, vehicle, 0, step)
-        state = vehicles[vehicle]
-        side = 0.5 * road.length[at.base + vehicle]
-        if state.status != PRESENT:
+        times = noted[number].times
+        if driving and road.area[area, 0] - half < ego.along < road.area[area, 1] + half:
+            _note(times, 0, step)
+        side = 0.5 * car.length
+        if car.status != PRESENT:
             continue
-        if road.area[area, 2] - side < state.along < road.area[area, 3] + side:
-            _note(times, vehicle, 2, step)
+        if road.area[area, 2] - side < car.along < road.area[area, 3] + side:
+            _note(times, 2, step)
         if driving:
-            ego = _mover(road, at.base + at.ego, vehicles[at.ego])
-            closest = max(closest, encounter(ego, _mover(road, at.base + vehicle, state)))
+            closest = max(closest, encounter(ego, car))
     return closest
 
 
+@kernel
+def _brake(vehicles, ego, ends, speed, hardest, moved):
+    """Compare speeds with those before a sub-step; count hard brakings if it ends a decision."""
+    for number in range(len(hardest)):
+        change = (vehicles[number].speed - speed[number]) / DT
+        speed[number] = vehicles[number].speed
+        if number != ego and not math.isnan(change):
+            hardest[number] = min(hardest[number], change)
+        if ends:
+            moved[number, 1] += hardest[number] < HARD
+            hardest[number] = 0.0
+
+
 @allocating_kernel
-def _advance(junction, at, level, settings):
-    road = junction[0]
-    traffic = junction[1]
-    sub_step(road, traffic, at.row, at.base, at.count, level, settings.max_speed)
+def _drive_on(state, ledger, row, number, junction, settings, effects, moved):  # noqa: ARG001  as on roads
+    """Advance all by a decision; add what vehicles except the ego drive to (vehicle, 2) totals."""
+    episodes, vehicles, _, _, ego = state
+    count = count_of(junction[0], episodes[0])
+    hardest = np.zeros(count)
+    speed = np.empty(count)
+    for identity in range(count):
+        speed[identity] = vehicles[identity].speed
+        moved[identity, 0] -= vehicles[identity].along if identity != ego else 0.0
+    for frame in range(settings.frames):
+        sub_step(junction[0], episodes[0], vehicles, settings)
+        _brake(vehicles, ego, frame == settings.frames - 1, speed, hardest, moved)
+    for identity in range(count):
+        moved[identity, 0] += vehicles[identity].along if identity != ego else 0.0
 
 
 @kernel
-def _brake(vehicles, at, ends, speed, hardest, moved):
-    """Compare speeds with those before a sub-step; count hard brakings if it ends a decision."""
-    for vehicle in range(at.count):
-        change = (vehicles[vehicle].speed - speed[vehicle]) / DT
-        speed[vehicle] = vehicles[vehicle].speed
-        if vehicle != at.ego and not math.isnan(change):
-            hardest[vehicle] = min(hardest[vehicle], change)
-        if ends:
-            moved[vehicle, 1] += hardest[vehicle] < HARD
-            hardest[vehicle] = 0.0
+def _prepare(episode, arrivals, number, effects):
+    """Choose nothing: later traffic is that of the recording."""
 
 
-@allocating_kernel
-def _drive(junction, results, at, level, settings, moved):
-    """Advance by a decision; add what others drive to (vehicle, 2) totals."""
-    vehicles = results.vehicles[at.row]
-    hardest = np.zeros(at.count)
-    speed = np.empty(at.count)
-    snapshot(junction[0], junction[1], at.row, at.base, at.count, vehicles)
-    for vehicle in range(at.count):
-        speed[vehicle] = vehicles[vehicle].speed
-        moved[vehicle, 0] -= vehicles[vehicle].along if vehicle != at.ego else 0.0
-    for frame in range(settings.frames):
-        _advance(junction, at, level, settings)
-        snapshot(junction[0], junction[1], at.row, at.base, at.count, vehicles)
-        _brake(vehicles, at, frame == settings.frames - 1, speed, hardest, moved)
-    for vehicle in range(at.count):
-        moved[vehicle, 0] += vehicles[vehicle].along if vehicle != at.ego else 0.0
+@kernel
+def _take_out(state, junction):
+    remove(junction[0], state[0][0], state[1], state[4])
+    state[0][0].controlled[0] = -1
 
 
-@allocating_kernel
-def _begin(junction, results, ledger, at, settings, effects):
-    """Note where vehicles are, and drive the world without the ego to the common end."""
+@kernel
+def _act(state, action, junction, settings):  # noqa: ARG001  as on roads
+    state[1][state[4]].level = junction[1][action]
+
+
+@kernel
+def _listed(vehicles, slot):
+    return vehicles[vehicles[slot].present]
+
+
+@kernel
+def _relate(buffers, state, ledger, row, junction):  # noqa: ARG001  as on roads
+    """Note the relations of vehicles that have not gone to the ego, and where they are at first."""
     road = junction[0]
-    traffic = junction[1]
-    row = at.row
-    pairs = road.pair_first[at.recording]
-    first = results.vehicles[row]
-    snapshot(road, traffic, row, at.base, at.count, first)
-    for vehicle in range(len(first)):
-        ledger.relation[row, vehicle] = -1
-        for what in range(2):
-            ledger.without[row, vehicle, what] = ledger.driven[row, vehicle, what] = 0.0
-        for column in range(4):
-            ledger.times[row, vehicle, column] = -1
-        if vehicle < at.count and vehicle != at.ego and first[vehicle].status != GONE:
-            pair = pairs + at.ego * at.count + vehicle
-            back = pairs + vehicle * at.count + at.ego
-            ledger.relation[row, vehicle] = _relation(road, pair, back)
-            ledger.without[row, vehicle, 0] = ledger.driven[row, vehicle, 0] = first[vehicle].along
-    _remove(traffic, row, at.ego)
-    traffic.ego[row] = -1
-    for number in range(effects.decisions):
-        moved = np.zeros((at.count, 2))
-        _drive(junction, results, at, math.nan, settings, moved)
-        for what in range(2):
-            ledger.alone[row, number, what] = moved[:, what].sum()
-            for vehicle in range(at.count):
-                ledger.without[row, vehicle, what] += moved[vehicle, what]
+    episode = state[0][0]
+    ego = state[1][state[4]]
+    for identity in range(count_of(road, episode)):
+        car = state[1][identity]
+        if car.status == GONE or ledger.relation[row, identity] >= 0:
+            continue
+        pair = pair_of(road, episode, ego, car)
+        back = pair_of(road, episode, car, ego)
+        ledger.relation[row, identity] = _relation(road, pair, back)
+        ledger.without[row, identity, 0] = ledger.driven[row, identity, 0] = car.along
+
+
+@kernel
+def _end(road, episode, vehicles, ending, effects):
+    """Take the ego out after its end, or let it drive on as traffic.
+
+    Returns:
+        Sub-steps until the ego and what it struck are towed; -1 if it did not collide.
+    """
+    vehicles[episode.controlled[0]].level = math.nan
+    if ending == _COLLIDED:  # both stand until then
+        return np.rint(effects.tow_after / DT)
+    if ending == _ARRIVED or not effects.released:
+        remove(road, episode, vehicles, episode.controlled[0])
+    episode.controlled[0] = -1
+    return -1.0
 
 
 @allocating_kernel
-def _account(junction, results, ledger, at, settings, effects):
+def _account(buffers, ledger, row, _number, junction, settings, effects):
     """Count a decision, and after the last one what follows it to the common end."""
     road = junction[0]
-    traffic = junction[1]
-    row = at.row
+    number_of_ego = buffers.episodes[row].controlled[0]
+    # A record of an array doesn't keep the array's memory, so `copies` is used to the end.
+    copies, vehicles, _, _, _ = copied(buffers, ledger, row, number_of_ego)
+    ego = vehicles[number_of_ego]
+    struck = vehicles[copies[0].touched[0]]
+    wrecks = ego.along, struck.along
+    count = count_of(road, copies[0])
     frames = settings.frames
-    steps = traffic.step[row] - traffic.begun[row]
-    times = ledger.times[row]
-    before = results.before
-    number = (steps - 1) // frames
+    steps = copies[0].sub_steps - copies[0].begun
+    before = buffers.before[row]
+    begun = (steps - 1) // frames * frames
+    end = steps
+    towed = -1.0
+    if buffers.ending[row] != 0:
+        end = effects.decisions * frames
+        towed = steps + _end(road, copies[0], vehicles, buffers.ending[row], effects)
     encountered = 0.0
-    moved = np.zeros((at.count, 2))
-    hardest = np.zeros(at.count)
-    speed = np.empty(at.count)
-    for vehicle in range(at.count):
-        speed[vehicle] = before[row, vehicle].speed
-    for step in range(number * frames, steps):
-        vehicles = results.trace[row, step - number * frames]
-        _brake(vehicles, at, (step + 1) % frames == 0, speed, hardest, moved)
-        encountered = max(encountered, _look(road, at, vehicles, step, True, times))
-    last = number + 1
-    vehicles = results.vehicles[row]
-    snapshot(road, traffic, row, at.base, at.count, vehicles)
-    if results.ending[row] != 0:
-        last = effects.decisions
-        ending = results.ending[row]
-        struck = at.ego
-        along = traffic.along[row]
-        towed = -math.inf
-        if ending == _COLLIDED:  # both stand until they are towed
-            struck = _struck(road, traffic, at, junction[3])
-            towed = steps + np.rint(effects.tow_after / DT)
+    moved = np.zeros((count, 2))
+    hardest = np.zeros(count)
+    speed = np.empty(count)
+    for identity in range(count):
+        speed[identity] = before[identity].speed
+    for step in range(begun, end):
+        places = vehicles
+        if step < steps:
+            places = buffers.trace[row, step - begun]
         else:
-            traffic.ego[row] = -1  # it drives on as traffic
-            if ending == _ARRIVED or not effects.released:
-                _remove(traffic, row, at.ego)
-        wrecks = along[at.ego], along[struck]
-        for step in range(steps, effects.decisions * frames):
             if step == towed:
-                _remove(traffic, row, at.ego)
-                _remove(traffic, row, struck)
-            _advance(junction, at, math.nan, settings)
+                remove(road, copies[0], vehicles, number_of_ego)
+                remove(road, copies[0], vehicles, struck.identity)
+            sub_step(road, copies[0], vehicles, settings)
             if step < towed:
-                along[at.ego], along[struck] = wrecks
-                traffic.speed[row, at.ego] = traffic.speed[row, struck] = 0.0
-                speed[struck] = math.nan
-            snapshot(road, traffic, row, at.base, at.count, vehicles)
-            _brake(vehicles, at, (step + 1) % frames == 0, speed, hardest, moved)
-            _look(road, at, vehicles, step, False, times)
-    for vehicle in range(at.count):
-        if vehicle != at.ego:
-            moved[vehicle, 0] = vehicles[vehicle].along - before[row, vehicle].along
-    write(results, ledger, row, (number, last), moved, encountered, effects)
+                ego.along, struck.along = wrecks
+                ego.speed = struck.speed = 0.0
+                speed[struck.identity] = math.nan
+        _brake(places, number_of_ego, (step + 1) % frames == 0, speed, hardest, moved)
+        driving = step < steps
+        near = _look(road, copies[0], number_of_ego, places, step, driving, buffers.vehicles[row])
+        encountered = max(encountered, near)
+    for identity in range(count):
+        if identity != number_of_ego:
+            moved[identity, 0] = vehicles[identity].along - before[identity].along
+    write(buffers, ledger, row, (begun // frames, end // frames), moved, encountered, effects)
 
 
-@allocating_kernel
-def _look_ahead(junction, results, ledger, at, number, settings):
-    """Write what others do in the next decisions, as `highway.core.effects`."""
-    traffic = junction[1]
-    row = at.row
-    moved = np.zeros((at.count, 2))
-    level = junction[2][number] if number >= 0 else math.nan
-    if number < 0:
-        _remove(traffic, row, at.ego)
-        traffic.ego[row] = -1
-    ledger.ahead[row] = math.nan
-    for later in range(AHEAD if number >= -1 else 1):
-        _drive(junction, results, at, level, settings, moved)
-        for vehicle in range(at.count):
-            state = results.vehicles[row, vehicle]
-            if later == 0 and vehicle != at.ego and state.status == PRESENT:
-                ledger.ahead[row, vehicle, 0] = state.speed
-    for vehicle in range(at.count):
-        if not math.isnan(ledger.ahead[row, vehicle, 0]):
-            ledger.ahead[row, vehicle, 1] = moved[vehicle, 0]
+carry_out = commands(_prepare, _relate, _take_out, _act, _drive_on, _listed, _account)
 
 
 def _entry(sources: int) -> Any:
-    @allocating_entry_point
-    def run(command, results, ledger, rows, settings, junction, effects, first, last):
-        road = junction[0]
-        traffic = junction[1]
-        for row in range(first, last):
-            if not rows[row] or command == PREPARE:
-                continue
-            recording = traffic.recording[row]
-            base = road.recording_first[recording]
-            end = road.recording_first[recording + 1]
-            at = _Place(row, recording, base, end - base, traffic.ego[row])
-            if command == BEGIN:
-                _begin(junction, results, ledger, at, settings[0], effects[0])
-            elif command == ACCOUNT:
-                _account(junction, results, ledger, at, settings[0], effects[0])
-            else:
-                _look_ahead(junction, results, ledger, at, command - REPEAT, settings[0])
+    @entry_point
+    def run(command, buffers, ledger, rows, options, junction, effects, first, end):
+        for row in range(first, end):
+            if rows[row]:
+                carry_out(command, buffers, ledger, row, junction, options[0], effects[0])
         return sources
 
     return run

@@ -12,7 +12,8 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.physics import corners
 from socialiq.worlds.gym import RoadEnv
-from socialiq_recordings.world.batch import PERSON, JunctionBatch, pose_along
+from socialiq_recordings.world.batch import PERSON, JunctionBatch
+from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 if TYPE_CHECKING:
@@ -78,10 +79,9 @@ class RecordedJunctionEnv(RoadEnv):
             takes.
         """
         observation, _ = super().reset(seed=seed, options=options)
-        traffic = self.batch.traffic
         world = self.world
-        recording = int(traffic.recording[0])
-        vehicle = int(world.road.recording_first[recording] + traffic.ego[0])
+        recording = self.batch.recording()
+        vehicle = int(world.road.recording_first[recording] + self.batch.egos[0])
         described = world.provenance.get("recordings", [])
         name = described[recording]["recording"] if recording < len(described) else ""
         return observation, {"recording": name, "vehicle": int(world.road.identity[vehicle])}
@@ -131,25 +131,20 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
 
     from socialiq.plotting.style import COLORS, figure, finish
     from socialiq.worlds.pictures import EGO, OTHER
+    from socialiq_recordings.world.geometry import place_of  # imports Numba
 
     road = batch.world.road
-    traffic = batch.traffic
-    recording = int(traffic.recording[row])
-    base = int(road.recording_first[recording])
     drawing = figure(5.0, 5.0)
     axes = drawing.subplots()
     lines = batch.ways(row)
     axes.add_collection(LineCollection(lines, colors="#d5d5d5", linewidths=1.0))
-    ego = int(traffic.ego[row])
-    axes.plot(*lines[ego].T, color=EGO, linewidth=1.2)
-    now = float(traffic.step[row]) / 10
-    for slot in range(int(traffic.n_present[row])):
-        vehicle = int(traffic.present[row, slot])
-        for at, begin, until in road.closed[
-            road.closed_first[base + vehicle] : road.closed_first[base + vehicle + 1]
-        ]:
+    ego = batch.buffers.vehicles[row, batch.egos[row]]
+    axes.plot(*lines[ego["identity"]].T, color=EGO, linewidth=1.2)
+    now = float(batch.buffers.episodes["sub_steps"][row]) / SUB_STEPS
+    for way in batch.on_road(row)["way"]:
+        for at, begin, until in road.closed[road.closed_first[way] : road.closed_first[way + 1]]:
             if begin <= now < until:
-                x, y, heading = pose_along(lines[vehicle], float(at))
+                x, y, heading = place_of(road, way, at)
                 dx = -_BAR * math.sin(heading)
                 dy = _BAR * math.cos(heading)
                 ends = [x - dx, x + dx], [y - dy, y + dy]
@@ -157,7 +152,8 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
     for number, (x, y, heading, _, *size) in batch.places(row):
         ink = EGO if number < 0 else OTHER if number < PERSON else COLORS["altruistic"]
         axes.add_patch(Polygon(corners((x, y), heading, *size), color=ink, zorder=3))
-    x, y, _ = pose_along(lines[ego], float(traffic.along[row, ego]))
+    x = float(ego["x"])
+    y = float(ego["y"])
     axes.set_aspect("equal")
     axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))
     finish(axes, f"{now:.1f} s", xlabel="m to the east", ylabel="m to the north")

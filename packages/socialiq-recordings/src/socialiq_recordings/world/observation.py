@@ -1,4 +1,4 @@
-"""Observation and rewards of the ego, compiled.
+"""Observation, contacts and rewards of the ego, compiled.
 
 Rows have the intersection's seven numbers, in a frame that follows the ego's route: y to the south
 is the distance along the route to the first conflict area, x to the east the distance to the right
@@ -13,20 +13,20 @@ import numpy as np
 from socialiq.physics import overlap_depth
 from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
-from socialiq.worlds.highway.core.vehicle import clip
+from socialiq.worlds.highway.core.vehicle import clip, who_struck
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection.options import POSITION_RANGE, SPEED_RANGE
-from socialiq_recordings.world.geometry import place_of, projected
-from socialiq_recordings.world.people import state_at
-from socialiq_recordings.world.traffic import DT, ahead_of, closed_line
+from socialiq_recordings.world.geometry import projected
+from socialiq_recordings.world.people import NO_PERSON, people_of, person_at
+from socialiq_recordings.world.traffic import DT, ahead_of, closed_line, count_of, pair_of
 
 _FAR = 100.0  # m; vehicles whose way has nothing to do with the ego's come after the others
-_UNTOUCHED, _STRUCK, _WAS_STRUCK = (int(kind) for kind in Contact)
+_UNTOUCHED = int(Contact.NONE)
 
 
 @kernel
 def _write(row, along, left, turned, speed):
-    """Write one vehicle; x to the right of the route, y backwards along it."""
+    """Write one road user; x to the right of the route, y backwards along it."""
     row[0] = 1.0
     row[1] = clip(-left / POSITION_RANGE, -1.0, 1.0)
     row[2] = clip(-along / POSITION_RANGE, -1.0, 1.0)
@@ -36,6 +36,13 @@ def _write(row, along, left, turned, speed):
     row[4] = clip(speed * south / SPEED_RANGE, -1.0, 1.0)
     row[5] = east
     row[6] = south
+
+
+@kernel
+def _write_beside(road, ego, user, row):
+    """Write a road user by its place beside the ego's way."""
+    along, left, way = projected(road, ego.way, user.x, user.y)
+    _write(row, along - road.origin[ego.way], left, user.heading - way, user.speed)
 
 
 @kernel
@@ -51,7 +58,7 @@ def _insert(slots, ranks, count, slot, rank):
 
 
 @inlined_kernel
-def observe(road, traffic, row, base, count, observation):
+def observe(road, episode, vehicles, observation):
     """Write the ego, the closed line ahead as a standing vehicle, then other road users.
 
     These are ordered by distance: first people, which are written as vehicles are, and vehicles
@@ -59,166 +66,149 @@ def observe(road, traffic, row, base, count, observation):
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`.
-        row: Episode.
-        base: First vehicle of its recording.
-        count: Number of vehicles of its recording.
+        episode: EPISODE record.
+        vehicles: VEHICLE records of the episode.
         observation: Rows of seven numbers that are written; rows without a road user are 0.
     """
     observation[:] = 0.0
-    ego = traffic.ego[row]
-    now = traffic.step[row] * DT
-    vehicle = base + ego
-    ego_along = traffic.along[row, ego]
-    origin = road.origin[vehicle]
-    pairs = road.pair_first[traffic.recording[row]]
-    _write(observation[0], ego_along - origin, 0.0, 0.0, traffic.speed[row, ego])
+    ego = vehicles[episode.controlled[0]]
+    origin = road.origin[ego.way]
+    _write(observation[0], ego.along - origin, 0.0, 0.0, ego.speed)
     filled = 1
-    front = ego_along + 0.5 * road.length[vehicle]
-    line = closed_line(road.closed_first, road.closed, vehicle, front, now)
-    if line - ego_along < POSITION_RANGE:
+    line = closed_line(road, ego.way, ego.along + 0.5 * ego.length, episode.sub_steps * DT)
+    if line - ego.along < POSITION_RANGE:
         _write(observation[1], line - origin, 0.0, 0.0, 0.0)
         filled = 2
-    x, y, _ = place_of(road.line_first, road.line, vehicle, ego_along)
-    recording = traffic.recording[row]
-    first = road.person_first[recording]
-    people = road.person_first[recording + 1]
-    most = count + people - first
+    persons = people_of(road, episode)
+    most = count_of(road, episode) + len(persons)
     slots = np.empty(most, np.int64)
     ranks = np.empty(most)
     near = 0
-    for slot in range(traffic.n_present[row]):
-        number = traffic.present[row, slot]
-        if number == ego:
+    for slot in range(episode.vehicles):
+        car = vehicles[vehicles[slot].present]
+        apart = math.hypot(car.x - ego.x, car.y - ego.y)
+        if car.identity == ego.identity or apart >= POSITION_RANGE:
             continue
-        along = traffic.along[row, number]
-        ox, oy, _ = place_of(road.line_first, road.line, base + number, along)
-        apart = math.hypot(ox - x, oy - y)
-        if apart >= POSITION_RANGE:
-            continue
-        pair = pairs + ego * count + number
-        back = pairs + number * count + ego
+        pair = pair_of(road, episode, ego, car)
+        back = pair_of(road, episode, car, ego)
         meets = road.area_of[pair] >= 0 or road.stretch_first[pair + 1] > road.stretch_first[pair]
         meets = meets or road.stretch_first[back + 1] > road.stretch_first[back]
-        _insert(slots, ranks, near, number, apart if meets else apart + _FAR)
+        _insert(slots, ranks, near, car.identity, apart if meets else apart + _FAR)
         near += 1
-    for person in range(first, people):
-        at = state_at(road, person, traffic.step[row])
-        if at >= 0:
-            apart = math.hypot(road.person_state[at, 0] - x, road.person_state[at, 1] - y)
-            if apart < POSITION_RANGE:
-                _insert(slots, ranks, near, -1 - at, apart)
-                near += 1
+    for number in persons:
+        person = person_at(road, number, episode.sub_steps)
+        apart = math.hypot(person.x - ego.x, person.y - ego.y)
+        if person.present and apart < POSITION_RANGE:
+            _insert(slots, ranks, near, -1 - number, apart)
+            near += 1
     for slot in range(min(near, len(observation) - filled)):
         number = slots[slot]
+        row = observation[filled + slot]
         if number >= 0:
-            along = traffic.along[row, number]
-            ox, oy, angle = place_of(road.line_first, road.line, base + number, along)
-            speed = traffic.speed[row, number]
+            _write_beside(road, ego, vehicles[number], row)
         else:
-            state = road.person_state[-1 - number]
-            ox = state[0]
-            oy = state[1]
-            angle = state[2]
-            speed = state[3]
-        along, left, way = projected(road.line_first, road.line, vehicle, ox, oy)
-        _write(observation[filled + slot], along - origin, left, angle - way, speed)
+            person = person_at(road, -1 - number, episode.sub_steps)
+            _write_beside(road, ego, person, row)
 
 
 @kernel
-def overlap(road, vehicle, along, second, second_along, slack):
-    """Whether two vehicles overlap, and how far each heads for its partner's middle.
-
-    Args:
-        road: Arrays of the world, `recorded_world.Road`.
-        vehicle: One vehicle, numbered over all recordings.
-        along: Coordinate of its middle on its way, m.
-        second: The second vehicle.
-        second_along: Coordinate of its middle on its way, m.
-        slack: Length by which vehicles are narrower and shorter than recorded, m.
-
-    Returns:
-        Whether they overlap; and the vector from the first middle to the second, projected on the
-        heading of the first vehicle and on that of the second, m. The first drives towards its
-        partner if its number is positive, the second if its number is negative. Both are 0 if they
-        are far apart.
-    """
-    x, y, angle = place_of(road.line_first, road.line, vehicle, along)
-    ox, oy, turned = place_of(road.line_first, road.line, second, second_along)
-    length = max(road.length[vehicle] - slack, 0.1) / 2
-    width = max(road.width[vehicle] - slack, 0.1) / 2
-    half = max(road.length[second] - slack, 0.1) / 2
-    side = max(road.width[second] - slack, 0.1) / 2
-    dx = ox - x
-    dy = oy - y
+def _overlap(car, user, slack, their_slack):
+    """Whether a vehicle and a road user overlap, each narrower and shorter by a slack, m."""
+    length = max(car.length - slack, 0.1) / 2
+    width = max(car.width - slack, 0.1) / 2
+    half = max(user.length - their_slack, 0.1) / 2
+    side = max(user.width - their_slack, 0.1) / 2
+    dx = user.x - car.x
+    dy = user.y - car.y
     if dx * dx + dy * dy >= (length + width + half + side) ** 2:
-        return False, 0.0, 0.0
-    depth = overlap_depth(dx, dy, angle, turned, length, width, half, side)
-    approach = math.cos(angle) * dx + math.sin(angle) * dy
-    return depth > 0.0, approach, math.cos(turned) * dx + math.sin(turned) * dy
+        return False
+    depth = overlap_depth(dx, dy, car.heading, user.heading, length, width, half, side)
+    return depth > 0.0
 
 
-@inlined_kernel
-def touched(road, traffic, row, base, slack):
-    """Return the ego's contact with a vehicle: whose motion closed the gap between the centres.
+@kernel
+def person_met(road, episode, car, slack):
+    """Return the first person that overlaps a vehicle, a `Person`; `NO_PERSON` if there is none.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`.
-        row: Episode.
-        base: First vehicle of its recording.
+        episode: EPISODE record.
+        car: Record of the vehicle.
+        slack: Length by which the vehicle is narrower and shorter than recorded, m.
+    """
+    for number in people_of(road, episode):
+        person = person_at(road, number, episode.sub_steps)
+        if person.present and _overlap(car, person, slack, 0.0):
+            return person
+    return NO_PERSON
+
+
+@inlined_kernel
+def touched(road, episode, vehicles, slack):
+    """Return the ego's contact: whose motion closed the gap between the centres.
+
+    The contact is that with the first vehicle on the road that the ego overlaps, whose identity is
+    written to `touched`; else with a person, whose class is written to `hit`.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        episode: EPISODE record.
+        vehicles: VEHICLE records of the episode.
         slack: Length by which vehicles are narrower and shorter than recorded, m.
 
     Returns:
-        A `Contact` as an integer; that of the first vehicle on the road that the ego overlaps.
+        A `Contact` as an integer.
     """
-    ego = traffic.ego[row]
-    contact = _UNTOUCHED
-    for slot in range(traffic.n_present[row]):
-        number = traffic.present[row, slot]
-        if number == ego:
-            continue
-        along = traffic.along[row, ego]
-        there = traffic.along[row, number]
-        meet, approach, closing = overlap(road, base + ego, along, base + number, there, slack)
-        if meet:
-            approach = traffic.speed[row, ego] * approach
-            closing = traffic.speed[row, number] * closing
-            contact = _STRUCK if approach >= -closing else _WAS_STRUCK
-            break
-    return contact
+    ego = vehicles[episode.controlled[0]]
+    episode.touched[0] = ego.identity
+    for slot in range(episode.vehicles):
+        car = vehicles[vehicles[slot].present]
+        if car.identity != ego.identity and _overlap(ego, car, slack, slack):
+            episode.touched[0] = car.identity
+            return who_struck(ego, car)
+    person = person_met(road, episode, ego, slack)
+    if not person.present:
+        return _UNTOUCHED
+    episode.hit = person.kind
+    return who_struck(ego, person)
 
 
 @inlined_kernel
-def others_touched(road, traffic, row, base, slack):
-    """Count the vehicles, without the ego, that drive into each other for the first time.
+def others_touched(road, episode, vehicles, slack):
+    """Count the vehicles, without the ego, that touch something for the first time.
+
+    They are marked in their records.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`, in whose `touched` the vehicles are marked.
-        row: Episode.
-        base: First vehicle of its recording.
+        episode: EPISODE record.
+        vehicles: VEHICLE records of the episode.
         slack: Length by which vehicles are narrower and shorter than recorded, m.
+
+    Returns:
+        The number of vehicles that drive into each other, and of those that touch a person.
     """
-    ego = traffic.ego[row]
-    count = 0
-    for slot in range(traffic.n_present[row]):
-        number = traffic.present[row, slot]
-        for later in range(slot + 1, traffic.n_present[row]):
-            partner = traffic.present[row, later]
-            is_new = not (traffic.touched[row, number] and traffic.touched[row, partner])
-            if number == ego or partner == ego or not is_new:
-                continue
-            along = traffic.along[row, number]
-            there = traffic.along[row, partner]
-            if overlap(road, base + number, along, base + partner, there, slack)[0]:
-                count += 2 - traffic.touched[row, number] - traffic.touched[row, partner]
-                traffic.touched[row, number] = traffic.touched[row, partner] = 1
-    return count
+    ego = episode.controlled[0]
+    collided = 0
+    hits = 0
+    for slot in range(episode.vehicles):
+        car = vehicles[vehicles[slot].present]
+        if car.identity == ego:
+            continue
+        for later in range(slot + 1, episode.vehicles):
+            partner = vehicles[vehicles[later].present]
+            is_new = not (car.touched and partner.touched)
+            if partner.identity != ego and is_new and _overlap(car, partner, slack, slack):
+                collided += 2 - car.touched - partner.touched
+                car.touched = partner.touched = True
+        if not car.met and person_met(road, episode, car, slack).present:
+            car.met = True
+            hits += 1
+    return collided, hits
 
 
 @inlined_kernel
-def annotate(road, traffic, row, base, count, progress, ending, settings, results, at):
+def annotate(road, episode, vehicles, progress, ending, settings, results, at):
     """Write signals and rewards of a decision.
 
     The ending OTHER, past a closed line, costs as a collision. A neighbour counts in Eq 4.2 if it
@@ -227,49 +217,40 @@ def annotate(road, traffic, row, base, count, progress, ending, settings, result
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`, after the decision; `before` has the speeds before it.
-        row: Episode.
-        base: First vehicle of its recording.
-        count: Number of vehicles of its recording.
+        episode: EPISODE record, after the decision.
+        vehicles: VEHICLE records of the episode; `before` has the speeds before the decision.
         progress: Distance by which the ego advanced, m.
         ending: Ending of the decision, an `Ending` as an integer.
         settings: SETTINGS record of the world.
-        results: Buffers whose `signals` and `rewards` are written.
+        results: Buffers whose `signals`, `rewards` and `braking` are written.
         at: Row of the buffers.
     """
-    ego = traffic.ego[row]
-    vehicle = base + ego
-    ego_along = traffic.along[row, ego]
-    speed = traffic.speed[row, ego]
-    x, y, _ = place_of(road.line_first, road.line, vehicle, ego_along)
-    pairs = road.pair_first[traffic.recording[row]]
+    ego = vehicles[episode.controlled[0]]
+    count = count_of(road, episode)
     counted = np.zeros(count, np.bool_)
     lost = np.zeros(count)
-    for slot in range(traffic.n_present[row]):
-        number = traffic.present[row, slot]
-        if number == ego:
+    for slot in range(episode.vehicles):
+        car = vehicles[vehicles[slot].present]
+        if car.identity == ego.identity:
             continue
-        along = traffic.along[row, number]
         blocks = False
-        area = road.area_of[pairs + ego * count + number]
-        back = pairs + number * count + ego
+        area = road.area_of[pair_of(road, episode, ego, car)]
         if area >= 0:
-            left = ego_along - 0.5 * road.length[vehicle] >= road.area[area, 1]
-            they_left = along - 0.5 * road.length[base + number] >= road.area[area, 3]
+            left = ego.along - 0.5 * ego.length >= road.area[area, 1]
+            they_left = car.along - 0.5 * car.length >= road.area[area, 3]
             blocks = not left and not they_left
-        ahead = ahead_of(road.stretch_first, road.stretch, back, ego_along, along)
-        ox, oy, _ = place_of(road.line_first, road.line, base + number, along)
-        near = math.hypot(ox - x, oy - y) <= settings.conflict_distance
-        counted[number] = near and (blocks or ahead > along)
-        lost[number] = traffic.before[row, number] - traffic.speed[row, number]
+        ahead = ahead_of(road, pair_of(road, episode, car, ego), ego.along, car.along)
+        near = math.hypot(car.x - ego.x, car.y - ego.y) <= settings.conflict_distance
+        counted[car.identity] = near and (blocks or ahead > car.along)
+        lost[car.identity] = car.before - car.speed
     signals = results.signals[at]
-    pair = results.rewards[at]
-    rewards.env_signals(progress, True, speed, ending, settings, signals)
-    within = road.zone[vehicle, 0] <= ego_along <= road.zone[vehicle, 1]
+    rewards.env_signals(progress, True, ego.speed, ending, settings, signals)
+    within = road.zone[ego.way, 0] <= ego.along <= road.zone[ego.way, 1]
     braking = np.empty(count, np.bool_)
-    rewards.social_signals(speed, within, counted, lost, ending, settings, signals, braking)
-    if results.braking.shape[1]:
-        for number in range(count):
-            results.braking[at, number] = braking[number]
-            results.after[at, number].counted = counted[number]
-    pair[0], pair[1] = rewards.pair(signals, settings)
+    rewards.social_signals(ego.speed, within, counted, lost, ending, settings, signals, braking)
+    for number in range(min(count, results.braking.shape[1])):
+        results.braking[at, number] = braking[number]
+        vehicles[number].counted = counted[number]
+    r_env, r_social = rewards.pair(signals, settings)
+    results.rewards[at, 0] = r_env
+    results.rewards[at, 1] = r_social

@@ -14,6 +14,7 @@ from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.splitmix import GOLDEN, hashed
 from socialiq_recordings import idm as model
 from socialiq_recordings.world import people
+from socialiq_recordings.world.geometry import four
 
 limited = kernel(model.limited)
 
@@ -58,7 +59,7 @@ def following(seed):
 
 WAITING, PRESENT, GONE = range(3)  # states of a vehicle in an episode
 DT = 0.1  # s of a sub-step; 1 / SUB_STEPS
-_V0, _T, _S0, _A, _B, _MARGIN = range(6)
+V0, T, S0, A, B, MARGIN = range(6)  # parameters of a driver, as in `drivers.Drivers`
 
 _SOON = 8.0  # s; vehicles that arrive later at a conflict area are not yielded to
 _CLEAR = 0.5  # s between a vehicle that leaves a conflict area and the next
@@ -107,26 +108,49 @@ def time_to(distance, speed, strongest, fastest):
 
 
 @kernel
-def limit_at(line_first, line, vehicle, along):
-    """Return the largest speed on a vehicle's way, m/s.
+def count_of(road, episode):
+    """Return the number of vehicles of an episode's recording.
 
     Args:
-        line_first: First point of each way, `Road.line_first`.
-        line: Points of all ways, one every metre, with the largest speed in m/s in the last column.
-        vehicle: Vehicle, numbered over all recordings.
-        along: Coordinate on its way, m.
+        road: Arrays of the world, `recorded_world.Road`.
+        episode: EPISODE record.
     """
-    point = line_first[vehicle] + max(np.int64(along), 0)
-    return line[min(point, line_first[vehicle + 1] - 1), 3]
+    recording = episode.recording
+    return road.recording_first[recording + 1] - road.recording_first[recording]
 
 
 @kernel
-def ahead_of(stretch_first, stretch, pair, along, position):
+def pair_of(road, episode, car, partner):
+    """Return the number of a pair of vehicles.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        episode: EPISODE record.
+        car: Record of the first vehicle.
+        partner: Record of the second vehicle.
+    """
+    first = road.pair_first[episode.recording]
+    return first + car.identity * count_of(road, episode) + partner.identity
+
+
+@kernel
+def limit_at(road, car):
+    """Return the largest speed at a vehicle's place on its way, m/s.
+
+    Args:
+        road: Arrays of the world, `recorded_world.Road`.
+        car: Record of the vehicle.
+    """
+    point = road.line_first[car.way] + max(np.int64(car.along), 0)
+    return road.line[min(point, road.line_first[car.way + 1] - 1), 3]
+
+
+@kernel
+def ahead_of(road, pair, along, position):
     """Return the coordinate of another vehicle on one's way, m.
 
     Args:
-        stretch_first: First stretch of each pair, `Road.stretch_first`.
-        stretch: Parts of a way that lie in another one, `Road.stretch`.
+        road: Arrays of the world, `recorded_world.Road`.
         pair: Number of the pair, with oneself first.
         along: Coordinate of that vehicle on the way it drives, m.
         position: One's coordinate on one's way, m.
@@ -134,12 +158,9 @@ def ahead_of(stretch_first, stretch, pair, along, position):
     Returns:
         Minus infinity if the vehicle is not ahead of `position` on one's way.
     """
-    for number in range(stretch_first[pair], stretch_first[pair + 1]):
-        begin = stretch[number, 0]
-        end = stretch[number, 1]
+    for number in range(road.stretch_first[pair], road.stretch_first[pair + 1]):
+        begin, end, low, high = four(road.stretch, number)
         if begin <= along <= end:
-            low = stretch[number, 2]
-            high = stretch[number, 3]
             at = low + (along - begin) * (high - low) / (end - begin)
             if at > position:
                 return at
@@ -147,19 +168,19 @@ def ahead_of(stretch_first, stretch, pair, along, position):
 
 
 @kernel
-def closed_line(closed_first, closed, vehicle, front, now):
+def closed_line(road, way, front, now):
     """Return the coordinate of the next line that is closed to a vehicle, m; infinity if none is.
 
     Args:
-        closed_first: First closure of each way, `Road.closed_first`.
-        closed: Coordinate in m and begin and end in s of each closure, `Road.closed`.
-        vehicle: Vehicle, numbered over all recordings.
+        road: Arrays of the world, `recorded_world.Road`.
+        way: Number of the vehicle's way.
         front: Coordinate of its front on its way, m.
         now: Time from the recording's first frame, s.
     """
-    for number in range(closed_first[vehicle], closed_first[vehicle + 1]):
-        if closed[number, 0] > front and closed[number, 1] <= now < closed[number, 2]:
-            return closed[number, 0]
+    for number in range(road.closed_first[way], road.closed_first[way + 1]):
+        at = road.closed[number, 0]
+        if at > front and road.closed[number, 1] <= now < road.closed[number, 2]:
+            return at
     return math.inf
 
 
@@ -200,64 +221,58 @@ def waits(gap, through, speed, strongest, desired, margin, their_gap, their_thro
 
 
 @inlined_kernel
-def drive(road, traffic, row, base, count, vehicle, now):
+def drive(road, episode, vehicles, car):
     """Return a driver's acceleration, m/s², and write what is ahead of it to `barrier`.
 
     Args:
         road: Arrays of the world, `recorded_world.Road`.
-        traffic: Episodes, `gym.Traffic`.
-        row: Episode.
-        base: First vehicle of its recording.
-        count: Number of vehicles of its recording.
-        vehicle: Number of the driver's vehicle in its recording.
-        now: Time from the recording's first frame, s.
+        episode: EPISODE record.
+        vehicles: VEHICLE records of the episode.
+        car: Record of the driver's vehicle.
     """
-    along = traffic.along[row, vehicle]
-    speed = traffic.speed[row, vehicle]
-    headway = traffic.driver[row, vehicle, _T]
-    jam = traffic.driver[row, vehicle, _S0]
-    strongest = traffic.driver[row, vehicle, _A]
-    comfort = traffic.driver[row, vehicle, _B]
-    free = traffic.driver[row, vehicle, _V0]
-    margin = traffic.driver[row, vehicle, _MARGIN]
-    half = 0.5 * road.length[base + vehicle]
-    pairs = road.pair_first[traffic.recording[row]] + vehicle * count
-    desired = min(free, limit_at(road.line_first, road.line, base + vehicle, along))
-    recording = traffic.recording[row]
+    speed = car.speed
+    along = car.along
+    free = car.driver[V0]
+    headway = car.driver[T]
+    jam = car.driver[S0]
+    strongest = car.driver[A]
+    comfort = car.driver[B]
+    half = 0.5 * car.length
+    desired = min(free, limit_at(road, car))
     wait = math.inf
-    gap, leader_speed = people.ahead(road, recording, traffic.step[row], base + vehicle, along)
-    for slot in range(traffic.n_present[row]):
-        partner = traffic.present[row, slot]
-        pair = pairs + partner
+    gap, leader_speed = people.ahead(road, episode, car)
+    for slot in range(episode.vehicles):
+        partner = vehicles[vehicles[slot].present]
+        pair = pair_of(road, episode, car, partner)
         number = road.area_of[pair]
         if number < 0 and road.stretch_first[pair] == road.stretch_first[pair + 1]:
             continue
-        their_along = traffic.along[row, partner]
-        their_speed = traffic.speed[row, partner]
-        other_half = 0.5 * road.length[base + partner]
-        at = ahead_of(road.stretch_first, road.stretch, pair, their_along, along)
+        other_half = 0.5 * partner.length
+        at = ahead_of(road, pair, partner.along, along)
         if at > along and at - along - half - other_half < gap:
             gap = at - along - half - other_half
-            leader_speed = their_speed
+            leader_speed = partner.speed
         if number < 0:
             continue
-        before = road.area[number, 0] - half - along
-        their_through = road.area[number, 3] + other_half - their_along
-        their_gap = road.area[number, 2] - other_half - their_along
+        entry, leaving, their_entry, their_leaving = four(road.area, number)
+        before = entry - half - along
+        their_through = their_leaving + other_half - partner.along
+        their_gap = their_entry - other_half - partner.along
         if before <= 0.0 or before >= wait or their_through <= 0.0:
             continue
-        if their_gap > 0.0 and traffic.barrier[row, partner] < road.area[number, 2]:
+        if their_gap > 0.0 and partner.barrier < their_entry:
             continue  # something holds it before the area
-        through = road.area[number, 1] + half - along
+        through = leaving + half - along
         rule = road.area_yields[number]
-        if waits(before, through, speed, strongest, free, margin, their_gap, their_through,
-                 their_speed, rule, vehicle < partner):  # fmt: skip
+        ranked = car.identity < partner.identity
+        if waits(before, through, speed, strongest, free, car.driver[MARGIN], their_gap,
+                 their_through, partner.speed, rule, ranked):  # fmt: skip
             wait = before
-    line = closed_line(road.closed_first, road.closed, base + vehicle, along + half, now)
+    line = closed_line(road, car.way, along + half, episode.sub_steps * DT)
     to_line = line - along - half
     if speed * speed <= 2.0 * _STOPS * to_line:
         wait = min(wait, to_line + 1.0)
-    traffic.barrier[row, vehicle] = along + half + min(gap, to_line)
+    car.barrier = along + half + min(gap, to_line)
     rate = idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
     if wait < math.inf:
         rate = min(rate, idm(speed, wait, 0.0, desired, headway, jam, strongest, comfort))

@@ -297,11 +297,7 @@ class RoadBatch(abc.ABC):
         return decisions
 
     def _decisions(self) -> Decisions:
-        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
-
         buffers = self.buffers
-        left = np.zeros((self.size, self.options.agents), bool)
-        step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
         return Decisions(
             observation=buffers.reached.reshape(*self.shape, -1).copy(),
             rewards=RewardPair(*self._by_agent(buffers.rewards)),
@@ -310,8 +306,6 @@ class RoadBatch(abc.ABC):
             speed=buffers.speed.reshape(self.shape).copy(),
             contact=buffers.contact.reshape(self.shape).copy(),
             neighbours_collided=buffers.neighbours_collided.reshape(self.shape).copy(),
-            classical=RewardPair(*self._by_agent(buffers.classical)),
-            off_road=left.reshape(self.shape),
         )
 
     def _by_agent(self, columns: np.ndarray) -> np.ndarray:

@@ -124,11 +124,18 @@ class Batch(RoadBatch):
         return (*SIGNALS, *self.walks.signals) if self.walks else SIGNALS
 
     def _decisions(self) -> Decisions:
+        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
+
+        buffers = self.buffers
+        left = np.zeros((self.size, self.options.agents), bool)
+        step.off_road(self.lanes, buffers.after, buffers.present, left, 0, self.size)
+        classical = RewardPair(*self._by_agent(buffers.classical))
         decisions = super()._decisions()
+        decisions = decisions._replace(classical=classical, off_road=left.reshape(self.shape))
         if not self.walks:
             return decisions
         of_agents = [
-            people.signals_of(self.walks, self.buffers, agent)
+            people.signals_of(self.walks, buffers, agent)
             for agent in range(self.options.agents)
         ]
         signals = {

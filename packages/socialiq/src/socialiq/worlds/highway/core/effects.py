@@ -159,24 +159,114 @@ def prepare(episode, arrivals, number, effects):
     episode.next_identity = effects.first_arrival + number
 
 
+@kernel
+def _ego_of(buffers, row):
+    return buffers.vehicles[row, buffers.episodes[row].controlled[0]]
+
+
 @allocating_kernel
-def copied(buffers, row, most):
-    """Return copies of an episode, of its vehicles and of its people.
+def copied(buffers, ledger, row, ego):
+    """Return a copy of an episode that can drive on.
 
     Args:
         buffers: Arrays of the batch.
+        ledger: `Ledger` of the batch.
         row: Row of the episode.
-        most: Number of vehicles of the copy, at least those of the row.
+        ego: Identity of the ego.
 
     Returns:
-        The EPISODE record in an array of one, and the records of vehicles and of people.
+        The EPISODE record in an array of one, which keeps its memory; the records of vehicles, as
+        many as the ledger has, and of people; the seconds since the crash of each wreck, by
+        identity; and the ego's identity.
     """
     episodes = np.empty(1, buffers.episodes.dtype)
-    vehicles: Any = np.empty(most, buffers.vehicles.dtype)
+    vehicles: Any = np.empty(ledger.driven.shape[1], buffers.vehicles.dtype)
     episodes[0] = buffers.episodes[row]
     for slot in range(buffers.vehicles.shape[1]):
         vehicles[slot] = buffers.vehicles[row, slot]
-    return episodes, vehicles, buffers.people[row].copy()
+    return episodes, vehicles, buffers.people[row].copy(), ledger.wrecked[row].copy(), ego
+
+
+def commands(prepare, relate, take_out, act, drive_on, listed, account):
+    """Return the kernel that carries out the commands of `highway.effects` on a kind of road.
+
+    Its arguments are a command, the arrays of the batch, its `Ledger`, the row of an episode, the
+    road, a SETTINGS and an EFFECTS record. Arguments of the kernels are those of `_drive_on`.
+
+    Args:
+        prepare: Kernel that chooses the later traffic before a decision.
+        relate: Kernel that notes the relations of the vehicles in a copy to the ego.
+        take_out: Kernel that removes the ego from a copy.
+        act: Kernel that lets the ego of a copy choose an action.
+        drive_on: Kernel that advances a copy by a decision.
+        listed: Kernel of the vehicles of a copy and a place in the list of those on the road; it
+            returns the vehicle's record.
+        account: Kernel that counts a decision, and after the last one what follows it.
+    """
+
+    @allocating_kernel
+    def begin(buffers, ledger, row, road, settings, effects):
+        """Drive the world without the ego to the common end."""
+        most = ledger.driven.shape[1]
+        for identity in range(most):
+            ledger.relation[row, identity] = -1
+            ledger.wrecked[row, identity] = 0.0
+            for what in range(2):
+                ledger.without[row, identity, what] = 0.0
+                ledger.driven[row, identity, what] = 0.0
+        ledger.arrivals[row] = buffers.episodes[row].state_low
+        state = copied(buffers, ledger, row, _ego_of(buffers, row).identity)
+        take_out(state, road)
+        for number in range(effects.decisions):
+            moved = np.zeros((most, 2))
+            relate(buffers, state, ledger, row, road)
+            drive_on(state, ledger, row, number, road, settings, effects, moved)
+            for what in range(2):
+                ledger.alone[row, number, what] = 0.0
+                for identity in range(most):
+                    ledger.alone[row, number, what] += moved[identity, what]
+                    ledger.without[row, identity, what] += moved[identity, what]
+
+    @allocating_kernel
+    def look_ahead(buffers, ledger, row, number, action, road, settings, effects):
+        """Write what others do in the next decisions.
+
+        The ego repeats an action; -1: without the ego; -2: the same, one decision only.
+        """
+        state = copied(buffers, ledger, row, _ego_of(buffers, row).identity)
+        episodes, vehicles, _, _, ego = state
+        moved = np.zeros((len(vehicles), 2))
+        if action < 0:
+            take_out(state, road)
+        for identity in range(len(moved)):
+            ledger.ahead[row, identity, 0] = np.nan
+            ledger.ahead[row, identity, 1] = np.nan
+        for later in range(AHEAD if action >= -1 else 1):
+            if action >= 0:
+                act(state, action, road, settings)
+            drive_on(state, ledger, row, number + later, road, settings, effects, moved)
+            for slot in range(episodes[0].vehicles):
+                vehicle = listed(vehicles, slot)
+                if later == 0 and vehicle.identity != ego:
+                    ledger.ahead[row, vehicle.identity, 0] = vehicle.speed
+        for identity in range(len(moved)):
+            if not np.isnan(ledger.ahead[row, identity, 0]):
+                ledger.ahead[row, identity, 1] = moved[identity, 0]
+
+    @kernel
+    def carry_out(command, buffers, ledger, row, road, settings, effects):
+        number = int(np.rint(buffers.episodes[row].time / settings.decision))
+        if command == BEGIN:
+            begin(buffers, ledger, row, road, settings, effects)
+        elif command == PREPARE:
+            prepare(buffers.episodes[row], ledger.arrivals[row], number, effects)
+        elif command == ACCOUNT:
+            account(buffers, ledger, row, number - 1, road, settings, effects)
+        else:
+            action = command - REPEAT  # below 0 without the ego
+            look_ahead(buffers, ledger, row, number, action, road, settings, effects)
+
+    return carry_out
 
 
 @kernel
@@ -202,25 +292,22 @@ def _tow(episode, vehicles, wrecked, road, settings, effects):
 
 
 @allocating_kernel
-def _drive_on(
-    episodes,
-    vehicles,
-    people,
-    ego_identity,
-    arrivals,
-    number,
-    wrecked,
-    road,
-    settings,
-    effects,
-    moved,
-):
+def _drive_on(state, ledger, row, number, road, settings, effects, moved):
     """Advance all by the time of a decision; add what others drive to (vehicle, 2) totals.
 
-    The episode is the only one of an array, which keeps its memory.
+    Args:
+        state: Copy of the episode, as of `copied`.
+        ledger: `Ledger` of the batch.
+        row: Row of the episode.
+        number: Number of the decision.
+        road: Tables of the road.
+        settings: SETTINGS record.
+        effects: EFFECTS record.
+        moved: Metres and hard brakings of each vehicle except the ego, to which is added.
     """
+    episodes, vehicles, people, wrecked, ego = state
     episode = episodes[0]
-    prepare(episode, arrivals, number, effects)
+    prepare(episode, ledger.arrivals[row], number, effects)
     episode.time += settings.decision
     count = episode.vehicles
     renews = len(road.arrivals) > 0
@@ -233,7 +320,7 @@ def _drive_on(
         for slot in range(count):
             vehicle = vehicles[slot]
             lane = road.lanes[vehicle.lane]
-            _add(vehicle, speed[slot], ego_identity, lane, renews, settings, moved, hardest)
+            _add(vehicle, speed[slot], ego, lane, renews, settings, moved, hardest)
     for identity in range(len(moved)):
         moved[identity, 1] += hardest[identity] < HARD
     traffic.renew(episode, vehicles, road, settings)
@@ -254,56 +341,29 @@ def relation_of(vehicle, ego):
     return 1 if planned and vehicle.destination == ego.destination else 2
 
 
-@allocating_kernel
-def _begin(buffers, ledger, row, road, settings, effects):
-    """Drive the world without the ego to the common end.
+@kernel
+def _relate(buffers, state, ledger, row, road):  # noqa: ARG001  the road of other kinds is read
+    """Note the relations of the vehicles in a copy to the ego."""
+    ego = _ego_of(buffers, row)
+    for slot in range(state[0][0].vehicles):
+        vehicle = state[1][slot]
+        if vehicle.identity != ego.identity:
+            ledger.relation[row, vehicle.identity] = relation_of(vehicle, ego)
 
-    Args:
-        buffers: Arrays of the batch.
-        ledger: `Ledger` of the batch, whose row is written.
-        row: Row of the episode.
-        road: Tables of the road.
-        settings: SETTINGS record.
-        effects: EFFECTS record.
-    """
-    most = ledger.driven.shape[1]
-    copies, vehicles, people = copied(buffers, row, most)
-    ego = copies[0].controlled[0]
-    wrecked = np.zeros(most)
-    for identity in range(most):
-        ledger.relation[row, identity] = -1
-        ledger.wrecked[row, identity] = 0.0
-        for what in range(2):
-            ledger.without[row, identity, what] = 0.0
-            ledger.driven[row, identity, what] = 0.0
-    arrivals = copies[0].state_low
-    ego_identity = vehicles[ego].identity
-    ledger.arrivals[row] = arrivals
-    traffic.remove(copies[0], vehicles, ego, road)
-    for number in range(effects.decisions):
-        moved = np.zeros((most, 2))
-        for slot in range(copies[0].vehicles):
-            if vehicles[slot].identity != ego_identity:
-                kind = relation_of(vehicles[slot], buffers.vehicles[row, ego])
-                ledger.relation[row, vehicles[slot].identity] = kind
-        _drive_on(
-            copies,
-            vehicles,
-            people,
-            ego_identity,
-            arrivals,
-            number,
-            wrecked,
-            road,
-            settings,
-            effects,
-            moved,
-        )
-        for what in range(2):
-            ledger.alone[row, number, what] = 0.0
-            for identity in range(most):
-                ledger.alone[row, number, what] += moved[identity, what]
-                ledger.without[row, identity, what] += moved[identity, what]
+
+@kernel
+def _take_out(state, road):
+    traffic.remove(state[0][0], state[1], state[0][0].controlled[0], road)
+
+
+@kernel
+def _act(state, action, road, settings):
+    drivers.choose(state[1][state[0][0].controlled[0]], action, road, settings)
+
+
+@kernel
+def _listed(vehicles, slot):
+    return vehicles[slot]
 
 
 @kernel
@@ -326,45 +386,20 @@ def _closest(buffers, row, frames):
 
 
 @allocating_kernel
-def _follow_up(buffers, ledger, row, number, ego_identity, road, settings, effects, moved):
-    """Drive on after the ego's end to the common end.
-
-    Args:
-        buffers: Arrays of the batch; not changed.
-        ledger: `Ledger` of the batch; not changed.
-        row: Row of the episode.
-        number: Number of the ego's last decision.
-        ego_identity: Identity of the ego, which is not counted.
-        road: Tables of the road.
-        settings: SETTINGS record.
-        effects: EFFECTS record.
-        moved: Totals to which metres and hard brakings are added, (vehicle, 2).
-    """
+def _follow_up(buffers, ledger, row, number, ego, road, settings, effects, moved):
+    """Drive on after the end of an ego, by its identity, to the common end; see `_drive_on`."""
     ending = buffers.ending[row]
-    most = len(moved)
-    copies, vehicles, people = copied(buffers, row, most)
+    state = copied(buffers, ledger, row, ego)
+    episode = state[0][0]
+    vehicles = state[1]
     if ending == _LEFT:
-        vehicles[copies[0].controlled[0]].crashed = True
+        vehicles[episode.controlled[0]].crashed = True
     elif ending == _TIMED_OUT and effects.released:
-        traffic.release(copies[0], vehicles, road, settings)
+        traffic.release(episode, vehicles, road, settings)
     elif ending in (_ARRIVED, _TIMED_OUT):
-        traffic.remove(copies[0], vehicles, copies[0].controlled[0], road)
-    arrivals = ledger.arrivals[row]
-    wrecked = ledger.wrecked[row].copy()
+        _take_out(state, road)
     for later in range(number + 1, effects.decisions):
-        _drive_on(
-            copies,
-            vehicles,
-            people,
-            ego_identity,
-            arrivals,
-            later,
-            wrecked,
-            road,
-            settings,
-            effects,
-            moved,
-        )
+        _drive_on(state, ledger, row, later, road, settings, effects, moved)
 
 
 @allocating_kernel
@@ -401,80 +436,9 @@ def _account(buffers, ledger, row, number, road, settings, effects):
             ledger.relation[row, identity] = kind
 
 
-@allocating_kernel
-def _look_ahead(buffers, ledger, row, number, action, road, settings, effects):
-    """Write what others do in the next decisions.
+carry_out = commands(prepare, _relate, _take_out, _act, _drive_on, _listed, _account)
+"""Carry out a command of `highway.effects`; see `commands`.
 
-    Args:
-        buffers: Arrays of the batch.
-        ledger: `Ledger` of the batch, whose `ahead` is written.
-        row: Row of the episode.
-        number: Number of the next decision.
-        action: Action that the ego repeats; -1: without the ego; -2: the same, one decision
-            only.
-        road: Tables of the road.
-        settings: SETTINGS record.
-        effects: EFFECTS record.
-    """
-    most = ledger.driven.shape[1]
-    copies, vehicles, people = copied(buffers, row, most)
-    ego_identity = vehicles[copies[0].controlled[0]].identity
-    moved = np.zeros((most, 2))
-    wrecked = ledger.wrecked[row].copy()
-    arrivals = ledger.arrivals[row]
-    if action < 0:
-        traffic.remove(copies[0], vehicles, copies[0].controlled[0], road)
-    for identity in range(most):
-        ledger.ahead[row, identity, 0] = np.nan
-        ledger.ahead[row, identity, 1] = np.nan
-    for later in range(AHEAD if action >= -1 else 1):
-        if action >= 0:
-            drivers.choose(vehicles[copies[0].controlled[0]], action, road, settings)
-        _drive_on(
-            copies,
-            vehicles,
-            people,
-            ego_identity,
-            arrivals,
-            number + later,
-            wrecked,
-            road,
-            settings,
-            effects,
-            moved,
-        )
-        for slot in range(copies[0].vehicles):
-            identity = vehicles[slot].identity
-            if later == 0 and identity != ego_identity:
-                ledger.ahead[row, identity, 0] = vehicles[slot].speed
-    for identity in range(most):
-        if not np.isnan(ledger.ahead[row, identity, 0]):
-            ledger.ahead[row, identity, 1] = moved[identity, 0]
-
-
-@kernel
-def carry_out(command, buffers, ledger, row, road, settings, effects):
-    """Carry out a command of `highway.effects`, whose ledger and record these are.
-
-    Later traffic is drawn for each decision from a separate stream, by the episode, so that both
-    worlds and all copies of a state meet the same arrivals.
-
-    Args:
-        command: The command.
-        buffers: Arrays of the batch.
-        ledger: `Ledger` of the batch, whose row is written.
-        row: Row of the episode.
-        road: Tables of the road.
-        settings: SETTINGS record.
-        effects: EFFECTS record.
-    """
-    number = int(np.rint(buffers.episodes[row].time / settings.decision))
-    if command == BEGIN:
-        _begin(buffers, ledger, row, road, settings, effects)
-    elif command == PREPARE:
-        prepare(buffers.episodes[row], ledger.arrivals[row], number, effects)
-    elif command == ACCOUNT:
-        _account(buffers, ledger, row, number - 1, road, settings, effects)
-    else:
-        action = command - REPEAT  # below 0 without the ego
-        _look_ahead(buffers, ledger, row, number, action, road, settings, effects)
+Later traffic is drawn for each decision from a separate stream, by the episode, so that both worlds
+and all copies of a state meet the same arrivals.
+"""

@@ -234,7 +234,7 @@ def collide(episode, vehicles, records, agents, dt, tie):
 def _note_contact(episode, intact, vehicle, touching):
     number = vehicle.agent
     if number >= 0 and intact >> number & 1:
-        episode.contact[number] = _who_struck(vehicle, touching)
+        episode.contact[number] = who_struck(vehicle, touching)
         episode.touched[number] = touching.identity
 
 
@@ -262,13 +262,13 @@ def contact_of(vehicles, ego, dt, contact, touched):
         sides = VEHICLE_LENGTH, VEHICLE_WIDTH
         overlap, will_overlap, _, _ = _separate(car, partner, sides, dt, 0.0)
         if overlap or will_overlap:
-            contact = _who_struck(vehicles[ego], vehicles[slot])
+            contact = who_struck(vehicles[ego], vehicles[slot])
             touched = vehicles[slot].identity
     return contact, touched
 
 
 @kernel
-def _who_struck(ego, partner):
+def who_struck(ego, partner):
     """Return the `Contact` by which vehicle's motion closed the gap between the centres."""
     dx = partner.x - ego.x
     dy = partner.y - ego.y
