@@ -135,8 +135,7 @@ class Batch(RoadBatch):
         if not self.walks:
             return decisions
         of_agents = [
-            people.signals_of(self.walks, buffers, agent)
-            for agent in range(self.options.agents)
+            people.signals_of(self.walks, buffers, agent) for agent in range(self.options.agents)
         ]
         signals = {
             name: np.stack([of_agent[name] for of_agent in of_agents], axis=-1).reshape(self.shape)
