@@ -143,9 +143,6 @@ CLASS = np.dtype(
 )
 """Record of a class that the core reads."""
 
-MOST_AGENTS = 16
-"""Controlled vehicles of an episode, of which an ego is the first."""
-
 ABSENT, WAITING, MOVING, GONE = range(4)
 """States of a person: before its arrival, before its line, on its way behind it, at the end."""
 
@@ -163,11 +160,8 @@ PERSON = np.dtype(
         ("arrival", np.float64),  # s since the reset
         ("accepted_gap", np.float64),  # s, before it has waited
         ("waited", np.float64),  # s lost by waiting since the reset
-        # of a decision, by agent:
-        # s lost by waiting that it would not have lost without this agent alone
-        ("delay", np.float64, (MOST_AGENTS,)),
-        ("encounter", np.float64, (MOST_AGENTS,)),  # closest one with it, 0 to 1
-        ("lost_speed", np.float64, (MOST_AGENTS,)),  # m/s lost by braking for it
+        # s lost by waiting in a decision that it would not have lost without one of the agents
+        ("delay", np.float64),
         ("identity", np.int32),  # unique in its episode, vehicles included
         ("kind", np.int8),  # row of `ROAD_USERS`
         ("motion", np.int8),  # ON_FOOT or RIDES
@@ -179,3 +173,14 @@ PERSON = np.dtype(
     align=True,
 )
 """Record of a person."""
+
+INFLUENCE = np.dtype(
+    [
+        # s lost by waiting that the person would not have lost without this agent alone
+        ("delay", np.float64),
+        ("encounter", np.float64),  # closest one, 0 to 1
+        ("lost_speed", np.float64),  # m/s lost by braking for the agent
+    ],
+    align=True,
+)
+"""Record of what an agent does to a person in a decision."""

@@ -39,16 +39,17 @@ def entry_of(options: Options) -> Callable[..., None]:
     ways, crosswalks, meetings, ridden = ROAD.crossings
 
     def entry(
-        episodes, vehicles, people, before, after, present, reached, observation, signals, rewards,
-        classical, speed, ending, contact, neighbours_collided, braking, trace, people_trace,
-        commands, entropy, seeded, actions, settings, rows, traced, agents, capacity, persons,
-        observed,
+        episodes, vehicles, people, influences, before, after, present, reached, observation,
+        signals, rewards, classical, speed, ending, contact, neighbours_collided, braking, trace,
+        people_trace, commands, entropy, seeded, actions, settings, rows, traced, agents, capacity,
+        persons, observed,
     ):  # fmt: skip
         seen = rows * agents, observed, features
         buffers = Buffers(
             carray(episodes, (rows,)),
             carray(vehicles, (rows, capacity)),
             carray(people, (rows, persons)),
+            carray(influences, (rows, agents, persons)),
             carray(before, (rows, capacity)),
             carray(after, (rows, capacity)),
             carray(present, (rows, 1 + agents)),

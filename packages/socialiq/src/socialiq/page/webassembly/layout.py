@@ -22,12 +22,18 @@ from socialiq.worlds.highway.options import (
 )
 from socialiq.worlds.intersection.core.geometry import BESIDE, LANES, MIDDLE
 from socialiq.worlds.intersection.options import ACTIONS, CrosswalkOptions, Options, buffers_of
-from socialiq.worlds.road_users import PERSON, ROAD_USERS
+from socialiq.worlds.road_users import INFLUENCE, PERSON, ROAD_USERS
 
 CORE = Path(__file__).with_name("core.wasm")
 """The built core that ships with the package."""
 
-_RECORDS = {"vehicle": VEHICLE, "person": PERSON, "episode": EPISODE, "settings": SETTINGS}
+_RECORDS = {
+    "vehicle": VEHICLE,
+    "person": PERSON,
+    "influence": INFLUENCE,
+    "episode": EPISODE,
+    "settings": SETTINGS,
+}
 _OF_LANE = ("straight", "length", "x", "y", "along_x", "along_y", "radius", "phase", "sense")
 _COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")
 

@@ -17,7 +17,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.types import Ending
 from socialiq.worlds.highway import populations
 from socialiq.worlds.highway.populations import Driver
-from socialiq.worlds.road_users import CLASS, MOST_AGENTS, MOST_CLASSES, PERSON
+from socialiq.worlds.road_users import CLASS, INFLUENCE, MOST_CLASSES, PERSON
 
 Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
 Counted = Literal["all", "cross", "approaching"]
@@ -28,6 +28,7 @@ Frame = Literal["own", "world"]
 ContinuousActions = Literal["continuous", "continuous_steering"]
 
 MOST_SPEEDS = 8
+MOST_AGENTS = 16
 
 
 @dataclass(frozen=True)
@@ -483,6 +484,8 @@ class Buffers(NamedTuple):
     episodes: np.ndarray  # EPISODE records, shape (batch,)
     vehicles: np.ndarray  # current records of vehicles, (batch, capacity)
     people: np.ndarray  # current PERSON records, (batch, person)
+    # INFLUENCE records of each agent and person in the last decision, (batch, agent, person)
+    influences: np.ndarray
     before: np.ndarray  # vehicles at the last decision, (batch, capacity)
     after: np.ndarray  # vehicles after the sub-steps of that decision, (batch, capacity)
     # number of vehicles in `before` and `after`, and the agents' slots, (batch, 1 + agents)
@@ -526,6 +529,7 @@ class Buffers(NamedTuple):
             episodes=np.zeros(size, EPISODE),
             vehicles=np.zeros(capacity, kind),
             people=np.zeros((size, options.persons), PERSON),
+            influences=np.zeros((size, options.agents, options.persons), INFLUENCE),
             before=np.zeros(capacity, kind),
             after=np.zeros(capacity, kind),
             present=np.zeros((size, 1 + options.agents), np.int64),

@@ -17,6 +17,7 @@ from socialiq.worlds.highway.options import Buffers
 from socialiq.worlds.road_users import (
     ARRIVALS,
     CLASS,
+    INFLUENCE,
     MOST_CLASSES,
     ON_FOOT,
     RIDES,
@@ -210,11 +211,12 @@ def signals_of(options: PeopleOptions, buffers: Buffers, agent: int) -> dict[str
     for user in options.road_users:
         end = begin + options.arrivals(user)
         people = buffers.people[:, begin:end]
+        influences = buffers.influences[:, agent, begin:end]
         values = {
-            "delay": people["delay"][..., agent].sum(axis=1),
-            "encounter": people["encounter"][..., agent].max(axis=1, initial=0.0),
+            "delay": influences["delay"].sum(axis=1),
+            "encounter": influences["encounter"].max(axis=1, initial=0.0),
             "hit": (people["hit_by"] == agent).any(axis=1).astype(np.float64),
-            "braking": people["lost_speed"][..., agent].sum(axis=1),
+            "braking": influences["lost_speed"].sum(axis=1),
         }
         signals |= {f"{user.name}_{what}": value for what, value in values.items()}
         begin = end
@@ -228,8 +230,8 @@ def begin_decision(buffers: Buffers, rows: np.ndarray) -> None:
         buffers: Arrays of the batch.
         rows: Rows in which a decision begins, by numbers or as a mask.
     """
-    for name in ("delay", "encounter", "lost_speed"):
-        buffers.people[name][rows] = 0.0
+    buffers.people["delay"][rows] = 0.0
+    buffers.influences[rows] = np.zeros((), INFLUENCE)
 
 
 def by_class(

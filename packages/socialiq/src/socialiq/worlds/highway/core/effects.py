@@ -13,6 +13,7 @@ from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point,
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.highway.core.vehicle import clip
 from socialiq.worlds.highway.effects import ACCOUNT, AHEAD, BEGIN, PREPARE, REPEAT, SIGNALS
+from socialiq.worlds.road_users import INFLUENCE
 
 HARD = -4.0  # m/s², acceleration below which a braking is hard
 CLOSE = 2.0  # s between two vehicles at one place, from which an encounter is none
@@ -313,10 +314,11 @@ def _drive_on(state, ledger, row, number, road, settings, effects, moved):
     renews = len(road.arrivals) > 0
     hardest = np.zeros(len(moved))
     speed = np.empty(count)
+    influences = np.empty((settings.agents, len(people)), INFLUENCE)  # which are not read
     for _ in range(settings.frames):
         for slot in range(count):
             speed[slot] = vehicles[slot].speed
-        traffic.sub_step(episode, vehicles, people, road, settings)
+        traffic.sub_step(episode, vehicles, people, influences, road, settings)
         for slot in range(count):
             vehicle = vehicles[slot]
             lane = road.lanes[vehicle.lane]

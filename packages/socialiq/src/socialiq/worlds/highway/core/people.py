@@ -32,7 +32,6 @@ from socialiq.worlds.road_users import (
     ABSENT,
     FIRST_CODE,
     GONE,
-    MOST_AGENTS,
     MOST_CLASSES,
     MOVING,
     ON_FOOT,
@@ -121,9 +120,7 @@ def _begin(person, way):
     person.along_y = way.along_y
     person.x = way.x - way.along_x * way.half
     person.y = way.y - way.along_y * way.half
-    person.delay[:] = 0.0
-    person.encounter[:] = 0.0
-    person.lost_speed[:] = 0.0
+    person.delay = 0.0
 
 
 @kernel
@@ -245,7 +242,7 @@ def _is_held(person, vehicles, count, road, absent, settings):
 
 
 @inlined_kernel
-def _meet(episode, person, vehicle, road):
+def _meet(episode, person, vehicle, influence, road):
     """Note how close an agent comes to a person, and whether it strikes the person."""
     motion = person.motion
     speed = abs(vehicle.speed)
@@ -255,8 +252,7 @@ def _meet(episode, person, vehicle, road):
     if ahead > 0.0 and abs(to_lane) < _STRIP[motion] + _MARGIN[motion]:
         seconds = max(ahead - VEHICLE_LENGTH / 2 - radius, 0.0) / max(speed, 0.1)
         closeness = clip(1.0 - seconds / NEAR, 0.0, 1.0)
-        number = vehicle.agent
-        person.encounter[number] = max(person.encounter[number], closeness)
+        influence.encounter = max(influence.encounter, closeness)
     dx = person.x - vehicle.x
     dy = person.y - vehicle.y
     along = abs(dx * vehicle.along_x + dy * vehicle.along_y)
@@ -304,20 +300,22 @@ def _speed_behind(people, person, way):
 
 
 @kernel
-def walk(episode, vehicles, people, road, settings):
+def walk(episode, vehicles, people, influences, road, settings):
     """Advance all people by a sub-step, after the vehicles.
 
     Args:
         episode: EPISODE record; an agent that strikes a person gets its contact.
         vehicles: Records of the episode's vehicles.
         people: PERSON records of the episode, which are written.
+        influences: INFLUENCE records, (agent, person), which are written.
         road: Tables of the road.
         settings: SETTINGS record.
     """
     count = episode.vehicles
     dt = settings.dt
     time = (episode.sub_steps - settings.warm_up) * dt
-    for person in people:
+    for which in range(len(people)):
+        person = people[which]
         if person.state == GONE or (person.state == ABSENT and person.arrival > time):
             continue
         way = road.crossings.ways[person.way]
@@ -332,21 +330,25 @@ def walk(episode, vehicles, people, road, settings):
             for number in range(settings.agents):
                 if not _is_held(person, vehicles, count, road, number, settings):
                     holding |= 1 << number
-        _advance(person, way, held, holding, fastest, dt)
+        lost, slowed = _advance(person, way, held, holding, fastest, dt)
         for number in range(settings.agents):
+            influence = influences[number, which]
+            if holding >> number & 1:
+                influence.delay += lost
+                influence.lost_speed += slowed
             ego = episode.controlled[number]
             if ego >= 0 and not vehicles[ego].crashed:
-                _meet(episode, person, vehicles[ego], road)
+                _meet(episode, person, vehicles[ego], influence, road)
         if person.state == MOVING and _across(person, way) >= way.half:
             person.state = GONE
 
 
 @kernel
 def _advance(person, way, held, holding, fastest, dt):
-    """Move a person by a sub-step, and count what it loses by each agent.
+    """Move a person by a sub-step; return the seconds and the speed that it loses, s and m/s.
 
-    `held` is whether it waits or stops, `holding` has a bit for each agent without which it would
-    not, and `fastest` is the largest speed, m/s.
+    `held` is whether it waits or stops, `holding` is above 0 if it would not without some agent,
+    and `fastest` is the largest speed, m/s.
     """
     motion = person.motion
     before = person.speed
@@ -362,15 +364,13 @@ def _advance(person, way, held, holding, fastest, dt):
         wanted = 0.0
     wanted = min(wanted, fastest)
     person.speed = clip(wanted, max(before - brakes * dt, 0.0), before + _PICKS_UP[motion] * dt)
+    lost = dt * (1.0 - person.speed / person.free_speed)
     if held:
-        lost = dt * (1.0 - person.speed / person.free_speed)
         person.waited += lost
-        for number in range(MOST_AGENTS):
-            if holding >> number & 1:
-                person.delay[number] += lost
-                person.lost_speed[number] += max(before - person.speed, 0.0)
+        person.delay += lost if holding else 0.0
     person.x += person.along_x * person.speed * dt
     person.y += person.along_y * person.speed * dt
+    return lost, max(before - person.speed, 0.0)
 
 
 @inlined_kernel

@@ -101,7 +101,7 @@ def _decide(buffers, row, actions, road, settings):
             action = actions[row * settings.agents + number]
             drivers.choose(vehicles[slot], action, road, settings)
     for frame in range(settings.frames):
-        traffic.sub_step(episode, vehicles, people, road, settings)
+        traffic.sub_step(episode, vehicles, people, buffers.influences[row], road, settings)
         if len(buffers.trace):
             _copy(vehicles, episode.vehicles, road, buffers.trace[row, frame])
             for number in range(len(people)):
@@ -123,7 +123,7 @@ def _begin(buffers, row, road, settings):
         episode.ended[number] = _NO_ENDING
         episode.contact[number] = _NO_CONTACT
         episode.touched[number] = -1
-    traffic.reset(episode, vehicles, people, road, settings)
+    traffic.reset(episode, vehicles, people, buffers.influences[row], road, settings)
     for number in range(settings.agents):
         slot = episode.controlled[number]
         result = row * settings.agents + number

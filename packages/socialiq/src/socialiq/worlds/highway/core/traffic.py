@@ -28,13 +28,14 @@ _FAR = 1e6  # m, where removed vehicles of a road without arrivals stand
 
 
 @kernel
-def sub_step(episode, vehicles, people, road, settings):
+def sub_step(episode, vehicles, people, influences, road, settings):
     """Advance all by a sub-step: decisions, rules of priority if due, motion, then collisions.
 
     Args:
         episode: EPISODE record.
         vehicles: Records of the vehicles and obstacles of the episode.
         people: PERSON records of the episode.
+        influences: INFLUENCE records of each agent and person, which are written.
         road: Tables of the road.
         settings: SETTINGS record.
     """
@@ -62,7 +63,7 @@ def sub_step(episode, vehicles, people, road, settings):
                 _count_road(car, road.routes[car.route, car.destination], road.lanes)
     motion.collide(episode, vehicles, records, settings.agents, settings.dt, settings.tie)
     if len(people):
-        walk(episode, vehicles, people, road, settings)
+        walk(episode, vehicles, people, influences, road, settings)
 
 
 @kernel
@@ -75,7 +76,7 @@ def _count_road(car, way, lanes):
 
 
 @kernel
-def reset(episode, vehicles, people, road, settings):
+def reset(episode, vehicles, people, influences, road, settings):
     """Start an episode from the current state of the stream.
 
     The road's entries begin with it, in highway-env's order. Where others arrive, vehicles spawn
@@ -86,6 +87,7 @@ def reset(episode, vehicles, people, road, settings):
         episode: EPISODE record, which holds the stream.
         vehicles: Records that are written, vehicles first, then obstacles.
         people: PERSON records that are written.
+        influences: INFLUENCE records of each agent and person.
         road: Tables of the road.
         settings: SETTINGS record.
     """
@@ -108,7 +110,7 @@ def reset(episode, vehicles, people, road, settings):
             along = number * (80.0 / tries)
             _spawn(episode, vehicles, along, 1.0, 1.0, INITIAL_PROBABILITY, False, road, settings)
         for _ in range(settings.warm_up):
-            sub_step(episode, vehicles, people, road, settings)
+            sub_step(episode, vehicles, people, influences, road, settings)
         _spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, road, settings)
         for number in range(settings.agents):
             _enter_agent(episode, vehicles, number, road, settings)
