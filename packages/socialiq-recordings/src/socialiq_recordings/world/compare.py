@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 from matplotlib.figure import Figure
+from scipy.stats import ks_2samp
 
 from socialiq.physics import wrapped
 from socialiq.plotting.style import COLORS, figure, finish
@@ -218,9 +219,7 @@ def distance(
     """
     if not len(first) or not len(second):
         return None
-    every = np.sort(np.concatenate([first, second]))
-    shares = [np.searchsorted(np.sort(v), every, side="right") / len(v) for v in (first, second)]
-    return float(np.abs(shares[0] - shares[1]).max())
+    return float(ks_2samp(first, second, method="asymp").statistic)
 
 
 _INKS = {"recorded": COLORS["baseline"], "simulated": COLORS["prosocial"]}

@@ -232,10 +232,25 @@ def sub_step(road, episode, vehicles, settings):
 
 
 @kernel
-def _copy(vehicles, target):
-    """Copy the vehicles of an episode if there is space, which is where effects are measured."""
-    for number in range(len(target)):
-        target[number] = vehicles[number]
+def note(vehicles, places):
+    """Write where each vehicle is if there is space, which is where effects are measured.
+
+    Args:
+        vehicles: VEHICLE records of an episode.
+        places: PLACE records that are written.
+    """
+    for number in range(len(places)):
+        car = vehicles[number]
+        place = places[number]
+        place.x = car.x
+        place.y = car.y
+        place.along_x = car.along_x
+        place.along_y = car.along_y
+        place.along = car.along
+        place.speed = car.speed
+        place.identity = car.identity
+        place.status = car.status
+        place.counted = car.counted
 
 
 @inlined_kernel
@@ -259,7 +274,7 @@ def decide(road, buffers, row, settings, slack):
     for slot in range(episode.vehicles):
         car = vehicles[vehicles[slot].present]
         car.before = car.speed
-    _copy(vehicles, buffers.before[row])
+    note(vehicles, buffers.before[row])
     ending = _NONE
     contact = _UNTOUCHED
     neighbours_collided = 0
@@ -270,7 +285,7 @@ def decide(road, buffers, row, settings, slack):
         line = rules.closed_line(road, ego.way, ego.along + half, now)
         sub_step(road, episode, vehicles, settings)
         if len(buffers.trace):
-            _copy(vehicles, buffers.trace[row, frame])
+            note(vehicles, buffers.trace[row, frame])
         collided, hits = others_touched(road, episode, vehicles, slack)
         neighbours_collided += collided
         episode.others_hit += hits
@@ -295,7 +310,7 @@ def decide(road, buffers, row, settings, slack):
     annotate(road, episode, vehicles, progress, ending, settings, buffers, row)
     whole = steps % settings.frames == 0
     buffers.present[row, 0] = count_of(road, episode) if whole else 0  # no part is judged
-    _copy(vehicles, buffers.after[row])
+    note(vehicles, buffers.after[row])
 
 
 def _entries(sources: int):
