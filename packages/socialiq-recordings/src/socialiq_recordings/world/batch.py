@@ -59,7 +59,7 @@ PLACE = np.dtype(
     [*((name, VEHICLE[name]) for name in _NOTED), ("crashed", np.bool_)],  # never crashed
     align=True,
 )
-"""What effects need of a vehicle before and after each sub-step: a quarter of its record."""
+"""Record of a vehicle before or after a sub-step where effects are measured: a quarter of `VEHICLE`."""
 
 EPISODE = np.dtype(
     [

@@ -241,16 +241,16 @@ def note(vehicles, places):
     """
     for number in range(len(places)):
         car = vehicles[number]
-        place = places[number]
-        place.x = car.x
-        place.y = car.y
-        place.along_x = car.along_x
-        place.along_y = car.along_y
-        place.along = car.along
-        place.speed = car.speed
-        place.identity = car.identity
-        place.status = car.status
-        place.counted = car.counted
+        target = places[number]
+        target.x = car.x
+        target.y = car.y
+        target.along_x = car.along_x
+        target.along_y = car.along_y
+        target.along = car.along
+        target.speed = car.speed
+        target.identity = car.identity
+        target.status = car.status
+        target.counted = car.counted
 
 
 @inlined_kernel
