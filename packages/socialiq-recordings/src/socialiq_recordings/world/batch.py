@@ -59,7 +59,7 @@ PLACE = np.dtype(
     [*((name, VEHICLE[name]) for name in _NOTED), ("crashed", np.bool_)],  # never crashed
     align=True,
 )
-"""Record of a vehicle before or after a sub-step where effects are measured: a quarter of `VEHICLE`."""
+"""Record of a vehicle before or after a sub-step, a quarter of VEHICLE; effects read it."""
 
 EPISODE = np.dtype(
     [
