@@ -4,7 +4,6 @@
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -380,17 +379,21 @@ def _entries(sources: int):
     return run, replay, without_ego
 
 
-_run, _replay, _without_ego = _entries(fingerprint(__file__))
+run, replay, without_ego = _entries(fingerprint(__file__))
+"""Entry points: carry out a command for every episode of a batch (`highway.core.step.run`); write
+observation and rewards of recorded moments; drive all vehicles from the first frame.
 
-run: Any = _run
-"""Carry out a command for every episode of a batch; see `highway.core.step.run`.
-
-The junction is `recorded_world.Road`, the levels in m/s² by action (NaN: as a driver of the
-population) and the m by which vehicles are smaller than recorded.
+Args:
+    buffers: Arrays of a batch, `options.Buffers`.
+    state: EPISODE and VEHICLE records that are overwritten, of `batch.records_of`.
+    results: Buffers that are written.
+    commands: RESET, DECIDE, DECIDE_AND_RESET or SKIP, by row.
+    seeds: Seeds of the streams that a reset begins, uint64.
+    seeded: Whether a reset begins a stream, by row.
+    actions: Numbers of levels.
+    options: SETTINGS record in an array of one.
+    junction: `recorded_world.Road`, the levels in m/s² by action (NaN: as a driver of the
+        population) and m by which vehicles are smaller than recorded.
+    states: Coordinates, m, and speeds, m/s, that are written, (row, step, vehicle, 2).
+    first: First row of the part to do, up to `end`.
 """
-
-replay: Any = _replay
-"""Write observation and rewards of recorded moments, by recordings, egos and sub-steps."""
-
-without_ego: Any = _without_ego
-"""Drive all vehicles from the first frame; write their coordinates, m, and speeds, m/s."""
