@@ -48,11 +48,18 @@ VEHICLE = np.dtype(
         ("counted", np.bool_),  # in Eq 4.2, where effects are measured
         ("touched", np.bool_),  # whether it is no ego and drove into another or was driven into
         ("met", np.bool_),  # whether it is no ego and touched a person
-        ("crashed", np.bool_),  # never
     ],
     align=True,
 )
 """Record of a vehicle; those of an episode are numbered within the recording."""
+
+_NOTED = ("x", "y", "along_x", "along_y", "along", "speed", "identity", "status", "counted")
+
+PLACE = np.dtype(
+    [*((name, VEHICLE[name]) for name in _NOTED), ("crashed", np.bool_)],  # never crashed
+    align=True,
+)
+"""Record of a vehicle before or after a sub-step, a quarter of VEHICLE; effects read it."""
 
 EPISODE = np.dtype(
     [
@@ -92,7 +99,7 @@ class JunctionBatch(RoadBatch):
     def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
         options = world.options
         most = world.capacity if world.effects else 0
-        buffers = Buffers.of(options, VEHICLE, most, size, traced=world.effects is not None)
+        buffers = Buffers.of(options, PLACE, most, size, traced=world.effects is not None)
         episodes, vehicles = records_of(world, size)
         buffers = buffers._replace(episodes=episodes, vehicles=vehicles)
         super().__init__(options, buffers, settings_of(options), threads, world.effects)

@@ -4,7 +4,6 @@
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -232,10 +231,25 @@ def sub_step(road, episode, vehicles, settings):
 
 
 @kernel
-def _copy(vehicles, target):
-    """Copy the vehicles of an episode if there is space, which is where effects are measured."""
-    for number in range(len(target)):
-        target[number] = vehicles[number]
+def note(vehicles, places):
+    """Write where each vehicle is if there is space, which is where effects are measured.
+
+    Args:
+        vehicles: VEHICLE records of an episode.
+        places: PLACE records that are written.
+    """
+    for number in range(len(places)):
+        car = vehicles[number]
+        target = places[number]
+        target.x = car.x
+        target.y = car.y
+        target.along_x = car.along_x
+        target.along_y = car.along_y
+        target.along = car.along
+        target.speed = car.speed
+        target.identity = car.identity
+        target.status = car.status
+        target.counted = car.counted
 
 
 @inlined_kernel
@@ -259,7 +273,7 @@ def decide(road, buffers, row, settings, slack):
     for slot in range(episode.vehicles):
         car = vehicles[vehicles[slot].present]
         car.before = car.speed
-    _copy(vehicles, buffers.before[row])
+    note(vehicles, buffers.before[row])
     ending = _NONE
     contact = _UNTOUCHED
     neighbours_collided = 0
@@ -270,7 +284,7 @@ def decide(road, buffers, row, settings, slack):
         line = rules.closed_line(road, ego.way, ego.along + half, now)
         sub_step(road, episode, vehicles, settings)
         if len(buffers.trace):
-            _copy(vehicles, buffers.trace[row, frame])
+            note(vehicles, buffers.trace[row, frame])
         collided, hits = others_touched(road, episode, vehicles, slack)
         neighbours_collided += collided
         episode.others_hit += hits
@@ -295,7 +309,7 @@ def decide(road, buffers, row, settings, slack):
     annotate(road, episode, vehicles, progress, ending, settings, buffers, row)
     whole = steps % settings.frames == 0
     buffers.present[row, 0] = count_of(road, episode) if whole else 0  # no part is judged
-    _copy(vehicles, buffers.after[row])
+    note(vehicles, buffers.after[row])
 
 
 def _entries(sources: int):
@@ -365,17 +379,21 @@ def _entries(sources: int):
     return run, replay, without_ego
 
 
-_run, _replay, _without_ego = _entries(fingerprint(__file__))
+run, replay, without_ego = _entries(fingerprint(__file__))
+"""Entry points: carry out a command for every episode of a batch (`highway.core.step.run`); write
+observation and rewards of recorded moments; drive all vehicles from the first frame.
 
-run: Any = _run
-"""Carry out a command for every episode of a batch; see `highway.core.step.run`.
-
-The junction is `recorded_world.Road`, the levels in m/s² by action (NaN: as a driver of the
-population) and the m by which vehicles are smaller than recorded.
+Args:
+    buffers: Arrays of a batch, `options.Buffers`.
+    state: EPISODE and VEHICLE records that are overwritten, of `batch.records_of`.
+    results: Buffers that are written.
+    commands: RESET, DECIDE, DECIDE_AND_RESET or SKIP, by row.
+    seeds: Seeds of the streams that a reset begins, uint64.
+    seeded: Whether a reset begins a stream, by row.
+    actions: Numbers of levels.
+    options: SETTINGS record in an array of one.
+    junction: `recorded_world.Road`, the levels in m/s² by action (NaN: as a driver of the
+        population) and m by which vehicles are smaller than recorded.
+    states: Coordinates, m, and speeds, m/s, that are written, (row, step, vehicle, 2).
+    first: First row of the part to do, up to `end`.
 """
-
-replay: Any = _replay
-"""Write observation and rewards of recorded moments, by recordings, egos and sub-steps."""
-
-without_ego: Any = _without_ego
-"""Drive all vehicles from the first frame; write their coordinates, m, and speeds, m/s."""

@@ -15,7 +15,7 @@ from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
 from socialiq.worlds.highway.core.effects import HARD, commands, copied, encounter, write
 from socialiq.worlds.highway.effects import RELATIONS
-from socialiq_recordings.world.core import remove, sub_step
+from socialiq_recordings.world.core import note, remove, sub_step
 from socialiq_recordings.world.traffic import DT, GONE, PRESENT, count_of, pair_of
 
 _ARRIVED = int(Ending.ARRIVAL)
@@ -35,7 +35,7 @@ def _relation(road, pair, back):
 
 
 @kernel
-def _note(times, column, step):
+def _widen(times, column, step):
     """Write that a vehicle is in an area at a sub-step."""
     if times[column] < 0:
         times[column] = step
@@ -43,24 +43,24 @@ def _note(times, column, step):
 
 
 @kernel
-def _look(road, episode, number_of_ego, vehicles, step, driving, noted):
+def _look(road, episode, number_of_ego, places, step, driving, vehicles):
     """Note the vehicles in an area with the ego's way; return the closest predicted encounter."""
     closest = 0.0
-    ego = vehicles[number_of_ego]
-    half = 0.5 * ego.length
+    ego = places[number_of_ego]
+    half = 0.5 * vehicles[number_of_ego].length
     for number in range(count_of(road, episode)):
-        car = vehicles[number]
+        car = places[number]
         area = road.area_of[pair_of(road, episode, ego, car)]
         if number == number_of_ego or area < 0:
             continue
-        times = noted[number].times
+        times = vehicles[number].times
         if driving and road.area[area, 0] - half < ego.along < road.area[area, 1] + half:
-            _note(times, 0, step)
-        side = 0.5 * car.length
+            _widen(times, 0, step)
+        side = 0.5 * vehicles[number].length
         if car.status != PRESENT:
             continue
         if road.area[area, 2] - side < car.along < road.area[area, 3] + side:
-            _note(times, 2, step)
+            _widen(times, 2, step)
         if driving:
             closest = max(closest, encounter(ego, car))
     return closest
@@ -175,8 +175,9 @@ def _account(buffers, ledger, row, _number, junction, settings, effects):
     speed = np.empty(count)
     for identity in range(count):
         speed[identity] = before[identity].speed
+    driven = np.empty(count, before.dtype)
     for step in range(begun, end):
-        places = vehicles
+        places = driven
         if step < steps:
             places = buffers.trace[row, step - begun]
         else:
@@ -188,6 +189,7 @@ def _account(buffers, ledger, row, _number, junction, settings, effects):
                 ego.along, struck.along = wrecks
                 ego.speed = struck.speed = 0.0
                 speed[struck.identity] = math.nan
+            note(vehicles, driven)
         _brake(places, number_of_ego, (step + 1) % frames == 0, speed, hardest, moved)
         driving = step < steps
         near = _look(road, copies[0], number_of_ego, places, step, driving, buffers.vehicles[row])

@@ -45,18 +45,6 @@ def _write_beside(road, ego, user, row):
     _write(row, along - road.origin[ego.way], left, user.heading - way, user.speed)
 
 
-@kernel
-def _insert(slots, ranks, count, slot, rank):
-    """Insert a slot into `count` slots sorted by rank, behind those of the same rank."""
-    at = count
-    while at > 0 and ranks[at - 1] > rank:
-        slots[at] = slots[at - 1]
-        ranks[at] = ranks[at - 1]
-        at -= 1
-    slots[at] = slot
-    ranks[at] = rank
-
-
 @inlined_kernel
 def observe(road, episode, vehicles, observation):
     """Write the ego, the closed line ahead as a standing vehicle, then other road users.
@@ -93,13 +81,14 @@ def observe(road, episode, vehicles, observation):
         back = pair_of(road, episode, car, ego)
         meets = road.area_of[pair] >= 0 or road.stretch_first[pair + 1] > road.stretch_first[pair]
         meets = meets or road.stretch_first[back + 1] > road.stretch_first[back]
-        _insert(slots, ranks, near, car.identity, apart if meets else apart + _FAR)
+        rank = apart if meets else apart + _FAR
+        rewards.insert(slots, ranks, near, car.identity, rank, 0.0)
         near += 1
     for number in persons:
         person = person_at(road, number, episode.sub_steps)
         apart = math.hypot(person.x - ego.x, person.y - ego.y)
         if person.present and apart < POSITION_RANGE:
-            _insert(slots, ranks, near, -1 - number, apart)
+            rewards.insert(slots, ranks, near, -1 - number, apart, 0.0)
             near += 1
     for slot in range(min(near, len(observation) - filled)):
         number = slots[slot]

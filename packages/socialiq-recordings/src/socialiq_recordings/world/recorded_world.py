@@ -241,57 +241,56 @@ def _faults(arrays: dict[str, np.ndarray], header: dict[str, Any]) -> Iterator[s
             yield f"has numbers in {name} that are not finite"
     if set(arrays) != set(LAYOUT):
         yield "has columns that are no world's"
-    vehicles = len(arrays["identity"])
-    counts = np.diff(arrays["recording_first"])
-    egos = arrays["egos"]
-    area_of = arrays["area_of"]
-    areas = len(arrays["area"])
-    people = len(arrays["person_class"])
+    road = Road(**arrays)
+    vehicles = len(road.identity)
+    counts = np.diff(road.recording_first)
+    areas = len(road.area)
+    people = len(road.person_class)
     for name, rows, total in (
         ("recording_first", None, vehicles),
-        ("pair_first", len(counts) + 1, len(area_of)),
-        ("line_first", vehicles + 1, len(arrays["line"])),
-        ("state_first", vehicles + 1, len(arrays["state"])),
-        ("stretch_first", len(area_of) + 1, len(arrays["stretch"])),
-        ("closed_first", vehicles + 1, len(arrays["closed"])),
+        ("pair_first", len(counts) + 1, len(road.area_of)),
+        ("line_first", vehicles + 1, len(road.line)),
+        ("state_first", vehicles + 1, len(road.state)),
+        ("stretch_first", len(road.area_of) + 1, len(road.stretch)),
+        ("closed_first", vehicles + 1, len(road.closed)),
         ("person_first", len(counts) + 1, people),
-        ("person_state_first", people + 1, len(arrays["person_state"])),
+        ("person_state_first", people + 1, len(road.person_state)),
     ):
-        first = arrays[name]
+        first = getattr(road, name)
         sized = len(first) >= 2 if rows is None else len(first) == rows
         if not sized or first[0] != 0 or first[-1] != total or (np.diff(first) < 0).any():
             yield f"has places in {name} that don't fit the other columns"
-    if (counts < 1).any() or (np.diff(arrays["pair_first"]) != counts**2).any():
+    if (counts < 1).any() or (np.diff(road.pair_first) != counts**2).any():
         yield "has a recording without vehicles or pairs"
-    if (np.diff(arrays["line_first"]) < 2).any() or (np.diff(arrays["state_first"]) < 1).any():
+    if (np.diff(road.line_first) < 2).any() or (np.diff(road.state_first) < 1).any():
         yield "has a vehicle without a line or a state"
     for name in ("length", "width", "arrival", "origin", "zone", "state_step"):
-        if len(arrays[name]) != vehicles:
+        if len(getattr(road, name)) != vehicles:
             yield f"has another number of rows in {name} than vehicles"
-    if len(egos) < 1 or (egos < 0).any() or (egos >= vehicles).any():
+    if len(road.egos) < 1 or (road.egos < 0).any() or (road.egos >= vehicles).any():
         yield "has an ego that is no vehicle"
-    if (area_of < -1).any() or (area_of >= areas).any():
+    if (road.area_of < -1).any() or (road.area_of >= areas).any():
         yield "has a conflict area that isn't there"
-    if len(arrays["area_yields"]) != areas or len(arrays["area_merges"]) != areas:
+    if len(road.area_yields) != areas or len(road.area_merges) != areas:
         yield "has conflict areas without a right of way"
-    if any((arrays[name] <= 0).any() for name in ("length", "width", "person_size")):
+    if any((column <= 0).any() for column in (road.length, road.width, road.person_size)):
         yield "has a vehicle without a size"
-    steps = np.append(arrays["state_step"], arrays["person_step"])
+    steps = np.append(road.state_step, road.person_step)
     if (steps > 10**9).any() or (steps < 0).any():
         yield "has a state before the recording"
-    yield from _faults_of_people(arrays)
-    if arrays["drivers"].shape != (6, 4) or (arrays["drivers"][:, (0, 2, 3)] <= 0).any():
+    yield from _faults_of_people(road)
+    if road.drivers.shape != (6, 4) or (road.drivers[:, (0, 2, 3)] <= 0).any():
         yield "has drivers without parameters"
-    if (np.abs(arrays["line"]) > 1e8).any() or (arrays["line"][:, 3] <= 0).any():
+    if (np.abs(road.line) > 1e8).any() or (road.line[:, 3] <= 0).any():
         yield "has a line that is none"
 
 
-def _faults_of_people(arrays: dict[str, np.ndarray]) -> Iterator[str]:
+def _faults_of_people(road: Road) -> Iterator[str]:
     """Yield what is wrong with people whose places in columns fit."""
-    kinds = arrays["person_class"]
-    if any(len(arrays[f"person_{name}"]) != len(kinds) for name in ("size", "step")):
+    kinds = road.person_class
+    if any(len(column) != len(kinds) for column in (road.person_size, road.person_step)):
         yield "has people without a size or a beginning"
-    if not np.isin(kinds, PEOPLE).all() or (np.diff(arrays["person_state_first"]) < 1).any():
+    if not np.isin(kinds, PEOPLE).all() or (np.diff(road.person_state_first) < 1).any():
         yield "has people of another class, or without a state"
-    if (np.abs(arrays["person_state"]) > 1e8).any():
+    if (np.abs(road.person_state) > 1e8).any():
         yield "has people who are nowhere"

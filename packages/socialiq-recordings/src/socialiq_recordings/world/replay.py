@@ -11,7 +11,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import Buffers, settings_of
-from socialiq_recordings.world.batch import VEHICLE, records_of
+from socialiq_recordings.world.batch import PLACE, records_of
 from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
@@ -140,7 +140,7 @@ def _results(
     from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq_recordings.world import core
 
-    results = Buffers.of(world.options, VEHICLE, 0, len(steps))
+    results = Buffers.of(world.options, PLACE, 0, len(steps))
     egos = vehicle - world.road.recording_first[recording]
     moments = (recording.astype(np.int64), egos.astype(np.int64), steps.astype(np.int64))
     state = world.road, records_of(world, 1), results

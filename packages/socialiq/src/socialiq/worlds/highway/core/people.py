@@ -432,13 +432,7 @@ def observe(people, agent, sight, turn, settings, observation):
             if person.state == ABSENT or person.state == GONE:
                 continue
             apart = distance(person.x, person.y, agent.x, agent.y)
-            rank = visible
-            while rank > 0 and distances[rank - 1] > apart:
-                numbers[rank] = numbers[rank - 1]
-                distances[rank] = distances[rank - 1]
-                rank -= 1
-            numbers[rank] = number
-            distances[rank] = apart
+            rewards.insert(numbers, distances, visible, number, apart, 0.0)
             visible += 1
         for place in range(min(visible, rows)):
             row = observation[first + place]

@@ -237,6 +237,27 @@ def neighbours_collided(before, after, count, ego, touched):
 _PERCEPTION = 200.0  # m
 
 
+@kernel
+def insert(numbers, distances, count, number, distance, tie):
+    """Insert a number into `count` numbers sorted by distance, behind those of equal distance.
+
+    Args:
+        numbers: The sorted numbers, with space for one more.
+        distances: Their distances, m.
+        count: How many there are.
+        number: Number to insert.
+        distance: Its distance, m.
+        tie: Difference up to which distances are equal, m.
+    """
+    rank = count
+    while rank > 0 and distances[rank - 1] > distance + tie:
+        numbers[rank] = numbers[rank - 1]
+        distances[rank] = distances[rank - 1]
+        rank -= 1
+    numbers[rank] = number
+    distances[rank] = distance
+
+
 @allocating_kernel
 def observe(vehicles, count, ego, view, observation):
     """Write the ego's row, then those of further vehicles by distance along the ego's lane.
@@ -269,13 +290,7 @@ def observe(vehicles, count, ego, view, observation):
         ahead = along[slot] - along[ego]
         if not ahead > -2 * VEHICLE_LENGTH:
             continue
-        rank = visible
-        while rank > 0 and distances[rank - 1] > abs(ahead) + tie:
-            slots[rank] = slots[rank - 1]
-            distances[rank] = distances[rank - 1]
-            rank -= 1
-        slots[rank] = slot
-        distances[rank] = abs(ahead)
+        insert(slots, distances, visible, slot, abs(ahead), tie)
         visible += 1
     x = 0.0
     y = 0.0
