@@ -141,7 +141,8 @@ def jobs(config: Any) -> list[Job]:
     driven = [(name, Driving, (name,)) for name in names] + [(ENSEMBLE, EnsembleDriving, names[1:])]
     return dials + [
         Job(_driven(name, shift), drive, kind(shift, config.angles, seeds), tuple(inputs), 30)
-        for (name, kind, inputs), shift in itertools.product(driven, config.shifts)
+        for name, kind, inputs in driven
+        for shift in config.shifts
     ]
 
 

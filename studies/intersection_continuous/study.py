@@ -187,7 +187,8 @@ def compute_tables(config: Any, context: Context) -> Findings:
     work = context.work
     policies = _policies(config, work)
     dials = list[Row]()
-    for kind, seed, angle in itertools.product(KINDS, config.seeds, config.angles):
+    cells: Any = itertools.product(KINDS, config.seeds, config.angles)
+    for kind, seed, angle in cells:
         file = driving.episodes_at(work / "evaluation" / kind, run_file(0.0, seed), angle)
         row = policy_row(kind, "greedy", driving.load_episodes(file))
         label = {"kind": kind, "seed": seed, "asked": angle}

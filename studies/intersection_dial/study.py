@@ -15,7 +15,7 @@ from socialiq.errors import one_of
 from socialiq.evaluation.front import hypervolume
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.results_folder import load
-from socialiq.settings import changed
+from socialiq.settings import laid_over
 from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq_lab.intersection import driving, training
@@ -87,11 +87,9 @@ def recipe_of(config: Any, family: str) -> tuple[DialConfig, DialHyperparameters
         return dataclasses.replace(config.structure, **agent), config.numbers
     if family == TIMED:
         return config.recipe, config.recipe_numbers
-    of_structure = {"updates": config.ablation_updates}
-    of_numbers = {}
-    for name, value in ABLATIONS[family].items():
-        (of_structure if hasattr(config.recipe, name) else of_numbers)[name] = value
-    return changed(config.recipe, of_structure), changed(config.recipe_numbers, of_numbers)
+    changes = {"updates": config.ablation_updates, **ABLATIONS[family]}
+    structure, numbers = laid_over([config.recipe, config.recipe_numbers], changes)
+    return structure, numbers
 
 
 def folder_of(family: str, seed: int, angle: float = 0.0) -> str:

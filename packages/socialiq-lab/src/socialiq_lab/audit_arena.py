@@ -14,7 +14,7 @@ from socialiq.audit.evidence.outcomes import Evidence, Outcomes, Reference
 from socialiq.audit.profile.profile import Floor, Profile
 from socialiq.audit.profile.template import USUAL, floor_at, possible_loss
 from socialiq.audit.request import Trust, dial_angles, resolve_references
-from socialiq.audit.verdict.verdict import Verdict, decide
+from socialiq.audit.verdict.verdict import Decisive, decide
 from socialiq.types import Policy
 from socialiq.worlds.registry import make
 from socialiq.worlds.world import World
@@ -82,7 +82,7 @@ class AuditArena:
         self.compared = compared or course  # episodes of the references
         self.references: dict[float, tuple[Outcomes, ...]] = {}
 
-    def audited(self, policy: Policy, angle: float, seed: int = 0) -> tuple[Verdict, Outcomes]:
+    def audited(self, policy: Policy, angle: float, seed: int = 0) -> tuple[Decisive, Outcomes]:
         """Audit a policy by the default declaration of an angle.
 
         Args:

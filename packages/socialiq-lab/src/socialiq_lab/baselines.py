@@ -1,4 +1,4 @@
-"""What the studies' learners share, which are methods that others have published.
+"""Parts of learners that several studies share, from methods that others have published.
 
 `socialiq.learners.kernel` trains them all. Demonstrations lie in an `ExpertTable`, of which
 `Episodes` knows the episodes and ranks them by R(α).

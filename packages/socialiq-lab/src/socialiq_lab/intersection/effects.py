@@ -1,4 +1,4 @@
-"""What drivers cause: the job that drives them on common episodes, and rows over seeds."""
+"""Effects of drivers: the job that drives them on common episodes, and rows over seeds."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
