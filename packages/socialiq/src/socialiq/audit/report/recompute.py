@@ -13,7 +13,7 @@ import datetime
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, episode_seeds
 from socialiq.errors import UserError
 from socialiq.reading import sha256_of
 from socialiq.to_json import to_json
-from socialiq.types import Json, RewardPair
+from socialiq.types import Files, Json, RewardPair
 
 TOLERANCE = 1e-9
 """Largest relative difference of a recomputed number, for which see `differences_of`."""
@@ -113,7 +113,7 @@ def differences_of(audited: Audited, report: Json) -> list[str]:
     return differences(report, fresh, _CLAIMED, TOLERANCE)
 
 
-def audited_of(files: Mapping[str, bytes], report: Json) -> Audited:
+def audited_of(files: Files, report: Json) -> Audited:
     """Return the data of the audit that a report's files hold, by path; times are this process's.
 
     Raises:
@@ -160,7 +160,7 @@ def named_in(report: Json) -> tuple[str, ...] | None:
 
 
 def _evidence_of(
-    files: Mapping[str, bytes],
+    files: Files,
     report: Json,
     profile: Profile,
     draw: Draw,
@@ -206,7 +206,7 @@ def _evidence_of(
 
 
 @contextlib.contextmanager
-def _content(files: Mapping[str, bytes], path: str) -> Iterator[bytes]:
+def _content(files: Files, path: str) -> Iterator[bytes]:
     """Open the content of a file, whose path is in every `UserError` of the block."""
     if path not in files:
         raise UserError(f"{path} is missing")

@@ -50,6 +50,7 @@ def replays(report: Json) -> Replays | None:
     return Replays(script, data, f"{source_hash(script)} 'wasm-unsafe-eval'")
 
 
+Rows = list[dict[str, str]]  # of a table, with texts by column
 Real = int | float  # a number of JSON, where a whole number is an int
 
 
@@ -184,7 +185,7 @@ _COLUMNS = ("test", "name", "result", "estimate", "low", "high", "asked for")
 _OF_SHARE = ("share", "low", "high")
 
 
-def tested(report: Json) -> list[dict[str, str]]:
+def tested(report: Json) -> Rows:
     """Return the rows of all tests that decide, in words; `test` is the name in 20 characters."""
     tests = report["tests"]
     declared = report["declaration"]
@@ -222,7 +223,7 @@ def tested(report: Json) -> list[dict[str, str]]:
     return rows
 
 
-def by_class(report: Json) -> list[dict[str, str]]:
+def by_class(report: Json) -> Rows:
     """Return a row for each bound of an effect, by class of road users, in words.
 
     A class that the world has and that has no bound has a row that says so.

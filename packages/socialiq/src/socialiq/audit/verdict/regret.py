@@ -27,6 +27,9 @@ from socialiq.types import RewardPair
 Losses = Float[np.ndarray, "reference episode"]
 """R(α) of each reference less the policy's in each episode."""
 
+Compared = Bool[np.ndarray, " reference"]
+"""Whether the test compares each reference."""
+
 
 class Decision(enum.Enum):
     """Outcome of a test, and of the whole audit."""
@@ -84,7 +87,7 @@ class Regrets:
         """Moments of the gains, with their resamples."""
         return bootstrap.Moments.of(self._gains, self.seed, self.resamples)
 
-    def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
+    def compared(self, angle: float) -> Compared:
         """Return which references are compared at an angle."""
         weights = exact_weights(angle)
         exact = [
@@ -179,7 +182,7 @@ class _Gains(NamedTuple):
     resampled: bootstrap.Studentised
     values: Losses
     reach: float  # largest possible difference: the range of the rewards of all drivers
-    rare: Bool[np.ndarray, " reference"]  # nearly all differences are equal (`intervals`)
+    rare: Compared  # nearly all differences are equal (`intervals`)
 
 
 _ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding errors
@@ -210,7 +213,7 @@ def exceeds(loss: float, largest_loss: float) -> bool:
 
 def loss_bounds(
     losses: Losses,
-    compared: Bool[np.ndarray, " reference"],
+    compared: Compared,
     margin: float,
     largest_loss: float,
     pass_error: float,
@@ -243,7 +246,7 @@ def loss_bounds(
 
 def needed_with(
     losses: Losses,
-    compared: Bool[np.ndarray, " reference"],
+    compared: Compared,
     margin: float,
     largest_loss: float,
     error: float,
