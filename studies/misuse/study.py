@@ -19,8 +19,8 @@ from socialiq.audit.evidence.outcomes import Evidence, Reference
 from socialiq.audit.profile.profile import Profile, measured_in
 from socialiq.audit.profile.template import USUAL, floor_at
 from socialiq.audit.request import SHIPPED_DIAL, Trust, dial_angles, resolve_references
-from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import Decisive, decide, joint_decision
+from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.audit.verdict.verdict import Decisive, decide
 from socialiq.evaluation.simulate import Watched
 from socialiq.learners.settings import check_counts
 from socialiq.nn.dial_policy import DialPolicy

@@ -13,7 +13,7 @@ import tyro
 from socialiq.audit import conduct, log, look, seeds
 from socialiq.audit.report import folder, views
 from socialiq.audit.request import Request, Trust
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import Display, Printing, Result, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes

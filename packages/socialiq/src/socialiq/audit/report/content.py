@@ -18,7 +18,7 @@ from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
 from socialiq.audit.verdict import results as judged
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json

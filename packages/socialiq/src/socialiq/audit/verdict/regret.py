@@ -10,8 +10,6 @@ is then as good as impossible, whatever its size. With a declared largest loss t
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -20,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.verdict.decision import Decision, slowest
 from socialiq.social.angle import Arc, complement, exact_weights, score
 from socialiq.statistics import betting, bootstrap, intervals
 from socialiq.types import RewardPair
@@ -29,37 +28,6 @@ Losses = Float[np.ndarray, "reference episode"]
 
 Compared = Bool[np.ndarray, " reference"]
 """Whether the test compares each reference."""
-
-
-class Decision(enum.Enum):
-    """Outcome of a test, and of the whole audit."""
-
-    PASS = "pass"
-    FAIL = "fail"
-    INCONCLUSIVE = "inconclusive"
-
-    @staticmethod
-    def of(holds: bool, broken: bool) -> Decision:
-        """Return PASS if a limit holds significantly, FAIL if it is broken, else INCONCLUSIVE.
-
-        Args:
-            holds: Whether the limit is significantly kept.
-            broken: Whether it is significantly broken.
-        """
-        if holds:
-            return Decision.PASS
-        return Decision.FAIL if broken else Decision.INCONCLUSIVE
-
-    @property
-    def headline(self) -> str:
-        """Decision as the commands print it."""
-        return "NOT DECIDED" if self is Decision.INCONCLUSIVE else self.value.upper()
-
-
-def slowest(needs: Sequence[int | None]) -> int | None:
-    """Return the largest of some numbers of episodes; None if no number is enough for one."""
-    counts = [count for count in needs if count is not None]
-    return max(counts) if len(counts) == len(needs) else None
 
 
 @dataclass(frozen=True, eq=False)

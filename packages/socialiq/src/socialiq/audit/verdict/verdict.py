@@ -7,7 +7,7 @@ no evidence of the policy's behaviour (`results.discriminate`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from socialiq.audit.evidence.consistency import Consistency
@@ -15,6 +15,7 @@ from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Bound, Profile
 from socialiq.audit.verdict.bounds import BoundTest, bound_tests
+from socialiq.audit.verdict.decision import Decision, joint_decision, slowest
 from socialiq.audit.verdict.direction import (
     CharacterTest,
     DirectionTest,
@@ -25,12 +26,10 @@ from socialiq.audit.verdict.direction import (
 )
 from socialiq.audit.verdict.regret import (
     CompatibleAngles,
-    Decision,
     Regrets,
     RegretTest,
     compatible_angles,
     regret_test,
-    slowest,
 )
 from socialiq.errors import UserError
 from socialiq.reading import sha256_of
@@ -177,14 +176,6 @@ def join_tests(
     needs = [test.needed for test in tested.tests if test.decision is Decision.INCONCLUSIVE]
     needed = slowest(needs) if decision is Decision.INCONCLUSIVE else None
     return replace(tested, decision=decision, needed=needed)
-
-
-def joint_decision(decisions: Iterable[Decision | None]) -> Decision:
-    """Return PASS if all tests pass, FAIL if any fails, else INCONCLUSIVE."""
-    outcomes = set(decisions)
-    if Decision.FAIL in outcomes:
-        return Decision.FAIL
-    return Decision.PASS if outcomes == {Decision.PASS} else Decision.INCONCLUSIVE
 
 
 _BEYOND = 20
