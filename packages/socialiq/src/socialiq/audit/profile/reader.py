@@ -98,10 +98,10 @@ class _Reader:
             self._stop(line, f"not TOML: {_quoted(reason, quoted=False)}: correct this line")
 
     def profile(self, source: bytes) -> Profile:
-        known = [*fields.TABLES[""], *filter(None, fields.TABLES)]
+        names = [*fields.TABLES[""], *filter(None, fields.TABLES)]
         for name, value in self._content.items():
-            if name not in known:
-                self._unknown(name, known)
+            if name not in names:
+                self._unknown(name, names)
             keys = fields.TABLES.get(name, {})
             if keys and not isinstance(value, dict):
                 self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
