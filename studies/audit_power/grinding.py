@@ -11,6 +11,7 @@ import numpy as np
 from socialiq.audit.look import draw, reveal, spend
 from socialiq.audit.seeds import LARGEST_SEED, Commitment, Draw, Nonce
 from socialiq.audit.verdict import regret, verdict
+from socialiq.audit.verdict.decision import Decision
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
 from socialiq_lab.registry import declaration
@@ -163,5 +164,5 @@ class Audit:
             angle = self._truth.declared
             test = regret.regret_test(regrets, angle, MARGIN, error, error / 2)
             joined = verdict.join_tests(test, self._evidence.policy, FLOOR.bounds, error)
-            self._tested[error] = joined.decision is regret.Decision.PASS
+            self._tested[error] = joined.decision is Decision.PASS
         return self._tested[error]

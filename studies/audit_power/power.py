@@ -9,7 +9,8 @@ from socialiq import Ending, estimate_angle
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.bounds import bound_tests
-from socialiq.audit.verdict.regret import Decision, Regrets, RegretTest, regret_test
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, RegretTest, regret_test
 from socialiq.audit.verdict.verdict import join_tests
 from socialiq.evaluation.measures import Episodes
 from socialiq.social.angle import angle_of, exact_weights

@@ -20,7 +20,7 @@ from socialiq.audit.profile.template import floor_at
 from socialiq.audit.report.views import arcs
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import check_episodes
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights
 from socialiq.statistics.intervals import clopper_pearson, episodes_needed

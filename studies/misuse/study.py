@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float32
 
 from socialiq.audit.profile.profile import measured_in
 from socialiq.audit.request import SHIPPED_DIAL
-from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import Decisive, joint_decision
+from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.audit.verdict.verdict import Decisive
 from socialiq.evaluation.simulate import Watched
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.statistics.intervals import normal_mean

@@ -13,7 +13,8 @@ import pytest
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
-from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, regret_test
 from socialiq.audit.verdict.verdict import join_tests, judge
 from socialiq.evaluation.measures import Episodes
 from socialiq.statistics.intervals import wilson

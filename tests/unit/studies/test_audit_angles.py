@@ -9,7 +9,7 @@ from tests.unit.audit.conftest import outcomes
 from socialiq import QPolicy
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.profile.profile import Clip
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import decide
 from socialiq.statistics.intervals import clopper_pearson
 from socialiq_lab.audit_arena import default_declaration

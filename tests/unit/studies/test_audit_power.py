@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.verdict.regret import Decision, Regrets, regret_test
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, regret_test
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from studies.audit_power import grinding
 from studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, grinding_rows

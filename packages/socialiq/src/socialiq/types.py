@@ -18,6 +18,9 @@ Row = dict[str, Any]
 Json = Mapping[str, Any]
 """Object of JSON or TOML, for a reader that doesn't change it."""
 
+Files = Mapping[str, bytes]
+"""Content of files by path."""
+
 
 class ByClass(NamedTuple):
     """Numbers by class of road user; the parts of r_social are the ego's effects on each class.

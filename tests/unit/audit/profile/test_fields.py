@@ -32,7 +32,7 @@ def generated():
     """Return the content of profile.schema.json: print it as JSON after a field has changed."""
     top = [field for field in code.FIELDS if "." not in field.path]
     properties = {field.path: schema_of(field) for field in top}
-    for table in code.TABLES:
+    for table in filter(None, code.TABLES):
         inside = {
             field.path.split(".")[1]: field
             for field in code.FIELDS

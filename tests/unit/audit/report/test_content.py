@@ -18,7 +18,7 @@ from socialiq.audit.report.content import content, results_of
 from socialiq.audit.report.verify import fault_of, read_report
 from socialiq.audit.report.words import plain_name
 from socialiq.audit.seeds import LARGEST_SEED, episode_seeds
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.results import MEASURES
 from socialiq.audit.verdict.verdict import judge
 from socialiq.errors import UserError

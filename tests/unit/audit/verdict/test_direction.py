@@ -8,6 +8,7 @@ import pytest
 
 from socialiq.audit.profile.profile import Clip, Floor, Margin
 from socialiq.audit.profile.template import declare
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.direction import (
     character_test,
     direction_test,
@@ -15,7 +16,6 @@ from socialiq.audit.verdict.direction import (
     drivers_of,
     ends_of,
 )
-from socialiq.audit.verdict.regret import Decision
 from socialiq.audit.verdict.verdict import decide
 
 ANGLES = np.arange(0.0, 91.0, 15.0)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.verdict.regret import Decision, Regrets, compatible_angles, regret_test
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, compatible_angles, regret_test
 from socialiq.types import RewardPair
 
 

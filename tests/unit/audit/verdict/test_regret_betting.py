@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.verdict.regret import (
-    Decision,
-    Regrets,
-    exceeds,
-    loss_bounds,
-    needed_with,
-    regret_test,
-)
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, exceeds, loss_bounds, needed_with, regret_test
 from socialiq.types import RewardPair
 
 EPISODES = 400

@@ -9,7 +9,7 @@ from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.consistency import Answers, Consistency
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.seeds import episode_seeds
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.results import discriminate, stratified
 from socialiq.audit.verdict.verdict import conclude, dependence, judge
 from socialiq.types import Ending

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.profile.profile import Floor, other_traffic
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.results import Shift, changes, sentence_of, shift_of
 from socialiq.errors import UserError
 from socialiq.types import Ending

@@ -9,7 +9,7 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.seeds import episode_seeds
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import judge
 from socialiq.errors import UserError
 from socialiq.to_json import to_json

@@ -6,8 +6,7 @@ from scipy.stats import binom, binomtest
 
 from socialiq.audit.profile.profile import Bound, Floor
 from socialiq.audit.verdict.bounds import bound_tests
-from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import joint_decision
+from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.statistics.intervals import clopper_pearson, wilson
 from socialiq.types import Ending
 

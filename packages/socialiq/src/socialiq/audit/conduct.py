@@ -130,11 +130,12 @@ def conduct(
         plan = _plan(collections[0])
         if repeated is None:
             print_line(f"committed to policy and declaration: {plan.commitment.sha256}")
-        draw, look = repeated or open_look(request.log, plan, request.seed)
-        if repeated is None and look is not None:
-            print_line(f"look {look.number} of {look.log}")
-        if repeated is None:
+            draw, look = open_look(request.log, plan, request.seed)
+            if look is not None:
+                print_line(f"look {look.number} of {look.log}")
             print_line(f"seed {draw.seed}, from {draw.source}")
+        else:
+            draw, look = repeated
         if draw.commitment != plan.commitment:
             raise UserError(
                 f"{request.policy} is not the policy that was audited: its hash differs"

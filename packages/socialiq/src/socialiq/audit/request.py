@@ -116,16 +116,16 @@ def command_of(request: Request, seed: int) -> str:
     words += [word for reference in request.references for word in ("--reference", reference)]
     words += [f"--{flag}" for flag in ("films", "soft") if getattr(request, flag)]
     words += [] if request.shift is None else ["--shift", *request.shift]
-    words += ["--allow-code"] if request.trust.allow_code else []
-    words += [word for file in request.trust.files for word in ("--files", file)]
-    if request.trust.isolation != "auto":
-        words += ["--isolation", request.trust.isolation]
-    limits = request.trust.limits
-    usual = Limits()
-    if limits.step != usual.step:
-        words += ["--step-seconds", f"{limits.step:g}"]
-    if limits.memory != usual.memory:
-        words += ["--memory-gib", f"{limits.memory / GIB:g}"]
+    trust = request.trust
+    words += ["--allow-code"] if trust.allow_code else []
+    words += [word for file in trust.files for word in ("--files", file)]
+    usual = Trust()
+    if trust.isolation != usual.isolation:
+        words += ["--isolation", trust.isolation]
+    if trust.limits.step != usual.limits.step:
+        words += ["--step-seconds", f"{trust.limits.step:g}"]
+    if trust.limits.memory != usual.limits.memory:
+        words += ["--memory-gib", f"{trust.limits.memory / GIB:g}"]
     return shlex.join(words)
 
 
@@ -213,13 +213,10 @@ def resolve_references(
             name = f"{family}_{mode}"
             load = atlas.load_continuous if interface.action_size else atlas.load
             if name in shipped and _fits(load(name), interface):
-                rules_and_experts.append(
-                    (name, resolve_policy(f"{ATLAS}{name}", world, angle, Trust()))
-                )
+                expert = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
+                rules_and_experts.append((name, expert))
         drivers += shipped_dial(world, angles)
-        drivers += [
-            (Reference(name, row.policy), row.record.as_json()) for name, row in rules_and_experts
-        ]
+        drivers += [_recorded(name, loaded) for name, loaded in rules_and_experts]
     for spec in specs:
         drivers += _named(str(spec), world, trust, closing, angles)
     records = {driver.name: record for driver, record in drivers}
@@ -304,9 +301,14 @@ def _turned(path: Path, prefix: str, angles: Sequence[float], world: World) -> l
         loaded = _file(str(path), world, angle, Trust())
         # One file, several drivers: the hash covers the angle too.
         sha256 = sha256_of(f"{loaded.record.sha256}@{angle:g}")
-        record = {**loaded.record.as_json(), "sha256": sha256}
-        drivers.append((Reference(f"{prefix}{angle:g}", loaded.policy, angle), record))
+        driver, record = _recorded(f"{prefix}{angle:g}", loaded, angle)
+        drivers.append((driver, record | {"sha256": sha256}))
     return drivers
+
+
+def _recorded(name: str, loaded: Loaded, angle: float | None = None) -> Recorded:
+    """Return a loaded policy as a reference of this name, with its record."""
+    return Reference(name, loaded.policy, angle), loaded.record.as_json()
 
 
 def _named(
@@ -315,7 +317,7 @@ def _named(
     """Return the drivers of one of the user's references."""
     if spec.startswith("python:"):
         loaded = closing.enter_context(_file(spec, world, 0.0, trust))
-        return [(Reference(spec.rpartition(":")[2], loaded.policy), loaded.record.as_json())]
+        return [_recorded(spec.rpartition(":")[2], loaded)]
     if ":" in spec:
         raise UserError(
             f"{one_line(spec)} is not a file: a reference is a policy's file, or "
@@ -324,8 +326,7 @@ def _named(
     path = Path(spec)
     kind = kind_of(path)
     if kind not in DIALS:
-        loaded = _file(str(path), world, 0.0, Trust())
-        return [(Reference(one_line(path.stem), loaded.policy), loaded.record.as_json())]
+        return [_recorded(one_line(path.stem), _file(str(path), world, 0.0, Trust()))]
     dial = DIALS[kind].load(path)
     angles = [angle for angle in angles if dial.low <= angle <= dial.high]
     return _turned(path, f"{one_line(path.stem)} at ", angles, world)

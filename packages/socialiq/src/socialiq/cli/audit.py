@@ -13,7 +13,7 @@ import tyro
 from socialiq.audit import conduct, log, look, seeds
 from socialiq.audit.report import folder, views
 from socialiq.audit.request import Request, Trust
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import Display, Printing, Result, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes
@@ -21,6 +21,9 @@ from socialiq.isolation import IsolationMode
 from socialiq.outputs import check_ending
 from socialiq.policies.process import limits_of
 from socialiq.types import Json
+
+Several = tyro.conf.UseAppendAction[tuple[str, ...]]
+"""Values of an option that may be given several times."""
 
 _AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
 
@@ -34,7 +37,7 @@ class CodeOptions:
     can't be isolated: their authors' code runs with your rights."""
     isolation: IsolationMode = "auto"
     """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
-    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    files: Several = ()
     """A further file or folder of a policy that is a process or a Python module: its hash covers
     it, and only what is covered is visible to an isolated one."""
     step_seconds: float = 5.0
@@ -47,6 +50,10 @@ class CodeOptions:
         """Permissions for `resolve_policy`."""
         limits = limits_of(self.step_seconds, self.memory_gib)
         return Trust(self.allow_code, limits, self.isolation, tuple(self.files))
+
+
+Code = tyro.conf.OmitArgPrefixes[CodeOptions]
+"""The options of code, without a word before them."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +89,13 @@ class Audit(Printing):
     `audit-log` beside the report's folder."""
     no_log: bool = False
     """Keep no audit log; the report says so."""
-    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    reference: Several = ()
     """A further driver to compare with: a file (a dial gives one for every 15 degrees, and for
     every 5 near the declared angle), or python:FILE.py:NAME. In an environment of your own at
     least one is needed."""
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
-    code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
+    code: Code = field(default_factory=CodeOptions)
     threads: int = 1
     """Number of threads of the simulation."""
     films: bool = False
@@ -206,11 +213,11 @@ class Commit(Printing):
     """Folder of the audit log."""
     episodes: int = 1000
     """Number of episodes of the audit."""
-    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    reference: Several = ()
     """A further driver to compare with, as for `socialiq audit`."""
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
-    code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
+    code: Code = field(default_factory=CodeOptions)
 
     def run(self) -> int:
         """Commit, and print the hash and what comes next."""

@@ -10,8 +10,7 @@ import tyro
 from socialiq.audit.report import verify
 from socialiq.audit.report.content import EXIT_CODES
 from socialiq.audit.report.folder import REPORT
-from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import joint_decision
+from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.cli.output import Printing, print_json, print_table
 from socialiq.errors import UserError
 from socialiq.types import Json, Row

@@ -16,7 +16,7 @@ from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, STATEMENT,
 from socialiq.audit.report.references import Findings
 from socialiq.audit.request import Request, is_code
 from socialiq.audit.seeds import read_nonce
-from socialiq.cli.audit import CodeOptions
+from socialiq.cli.audit import Code, CodeOptions, Several
 from socialiq.cli.output import Printing, complain, print_json, say
 from socialiq.cli.signing import fault_of_model, path_of_signature, sign_model
 from socialiq.cli.words import refuse_unused
@@ -49,9 +49,9 @@ class Verify(Printing):
     world: str = ""
     """The environment, if that of the declaration runs code: a report may come from
     an untrusted source, so you name it yourself."""
-    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    reference: Several = ()
     """Paths of the user's references: with them these are driven again too."""
-    code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
+    code: Code = field(default_factory=CodeOptions)
     threads: int = 1
     """Number of threads of the simulation."""
     log: Path | None = None

@@ -4,7 +4,7 @@ import datetime
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -23,6 +23,7 @@ from socialiq.errors import UserError
 from socialiq.outputs import check_ending
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
+from socialiq.types import Json, Row
 from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
 from socialiq.worlds.grammar import declared as spelled_out
 from socialiq.worlds.grammar import set_options
@@ -164,19 +165,18 @@ class New:
             allow_code=self.allow_code,
             rule=None if self.angle_rule is None else load_rule(self.angle_rule),
             clip=clip,
-            caused=self._bounds(),
+            caused=self._bounds(world, options),
         )
         write_atomically(self.out, declared.source, self.replace)
         print_table(_table(_facts(declared)), str(self.out))
         return 0
 
-    def _bounds(self) -> list[profile.Bound]:
-        """Return the bounds of what the policy causes."""
+    def _bounds(self, world: str, options: Json) -> list[profile.Bound]:
+        """Return the bounds of what the policy causes in a world with these options."""
         bounds = list[profile.Bound]()
-        world, options = spelled_out(self.world, set_options(self.set))
         defaults = template.limits_at(world, self.angle, options)
         ranges = IN_GRIDWORLDS if base(world) in GRIDS else {}
-        ranges = IN_SUMO if in_sumo(self.world) else ranges
+        ranges = IN_SUMO if in_sumo(world) else ranges
         for name, quantity in QUANTITIES.items():
             ends = getattr(self, f"{name}_range", None)
             limits = (ends or ranges.get(name, quantity.range)) if quantity.unit else None
@@ -219,7 +219,7 @@ class Check(Printing):
         return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
 
 
-def _facts(declared: profile.Profile) -> dict[str, Any]:
+def _facts(declared: profile.Profile) -> Row:
     rule = {} if declared.rule is None else {"angle_rule": declared.rule.words}
     units = profile.measured_in(declared.scenario.world)
     return {
@@ -242,6 +242,6 @@ def _facts(declared: profile.Profile) -> dict[str, Any]:
     }
 
 
-def _table(facts: dict[str, Any]) -> list[dict[str, Any]]:
+def _table(facts: Row) -> list[Row]:
     values = {name: "none" if value is None else value for name, value in facts.items()}
     return listed(values, "declared")

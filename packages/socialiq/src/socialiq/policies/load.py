@@ -83,7 +83,7 @@ def load_policy(
     Raises:
         UserError: If the policy cannot be read, is ambiguous, or does not fit the world.
     """
-    if isinstance(spec, Loaded):  # whoever loaded it ends its process
+    if isinstance(spec, Loaded):  # its process is ended where it was loaded
         return replace(spec, close=lambda: None)
     world = Interface(n_features, n_actions, action_size)
     lengths = dict.fromkeys((n_features, *narrow))

@@ -19,7 +19,7 @@ from socialiq.audit.profile.environment import LARGEST_SEED
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymActor, SoftPolicy, play, simulate
 from socialiq.foreign import drawing
-from socialiq.types import Json, Memoryless, Policy, RewardPair, Row
+from socialiq.types import Files, Json, Memoryless, Policy, RewardPair, Row
 from socialiq.worlds.catalogue import ROADS
 from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.highway import render, sheet
@@ -366,7 +366,7 @@ def check_filmed(world: World) -> Road:
     return road
 
 
-def films_of(world: World, policy: Policy, chosen: Chosen) -> dict[str, bytes]:
+def films_of(world: World, policy: Policy, chosen: Chosen) -> Files:
     """Run the episodes of `selected` again with the policy's best actions, and draw them.
 
     Args:

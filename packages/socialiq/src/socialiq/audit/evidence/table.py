@@ -164,7 +164,7 @@ def read_table(
     return evidence
 
 
-_PLACES = {text: place for place, text in enumerate(_KINDS)}
+_PLACES = {text: row for row, text in enumerate(_KINDS)}
 _READ: dict[str, Callable[[str], float]] = {"ending": _PLACES.__getitem__, "decisions": int}
 """Functions that read a cell, an ending as its place in `_KINDS`; else it has a number."""
 

@@ -262,8 +262,11 @@ FIELDS = (
 """Every field in the order of a profile. Their meanings are part of a profile's bytes: changing one
 changes the hash of every new declaration."""
 
-BY_PATH = {field.path: field for field in FIELDS}
-TABLES = tuple(dict.fromkeys(field.path.split(".")[0] for field in FIELDS if "." in field.path))
+TABLES: dict[str, dict[str, Field]] = {}
+"""Fields by table and key; those of the top level are in the table ""."""
+for _field in FIELDS:
+    _table, _, _key = _field.path.rpartition(".")
+    TABLES.setdefault(_table, {})[_key] = _field
 
 
 def visible(text: str) -> bool:

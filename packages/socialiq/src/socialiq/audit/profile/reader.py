@@ -6,6 +6,7 @@ import datetime
 import math
 import re
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -97,15 +98,14 @@ class _Reader:
             self._stop(line, f"not TOML: {_quoted(reason, quoted=False)}: correct this line")
 
     def profile(self, source: bytes) -> Profile:
-        top = [field.path for field in fields.FIELDS if "." not in field.path]
+        names = [*fields.TABLES[""], *filter(None, fields.TABLES)]
         for name, value in self._content.items():
-            if name not in (*top, *fields.TABLES):
-                self._unknown(name, (*top, *fields.TABLES))
-            if name in fields.TABLES and not isinstance(value, dict):
+            if name not in names:
+                self._unknown(name, names)
+            keys = fields.TABLES.get(name, {})
+            if keys and not isinstance(value, dict):
                 self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
-            paths = (path for path in fields.BY_PATH if path.startswith(f"{name}."))
-            keys = tuple(path.split(".")[1] for path in paths)
-            for key in value if name in fields.TABLES else ():
+            for key in value if keys else ():
                 if key not in keys:
                     self._unknown(f"{name}.{key}", keys)
         values = {field.path: self._value(field) for field in fields.FIELDS}
@@ -113,18 +113,19 @@ class _Reader:
         caused = self._checked_bounds(values)
         self._check_scenario(values)
         rule = None
-        content = values.pop(fields.RULE)
+        content = values[fields.RULE]
         if content is not None:
             try:
                 rule = AngleRule.of(content)
                 check_rule(rule, values["scenario.world"])
             except UserError as error:
                 self.refuse(fields.RULE, _quoted(str(error), quoted=False))
-        tables: dict[str, dict[str, Any]] = {table: {} for table in ("", *fields.TABLES)}
-        for path, value in values.items():
-            table, _, key = path.rpartition(".")
-            tables[table][key] = value
-        del tables[""]["format"]
+        tables: dict[str, Any] = {
+            table: {key: values[field.path] for key, field in keys.items()}
+            for table, keys in fields.TABLES.items()
+        }
+        for name in ("format", fields.RULE):
+            del tables[""][name]
         return Profile(
             **tables[""],
             margin=Margin(**tables["margin"]),
@@ -210,7 +211,7 @@ class _Reader:
     def _stop(self, line: int, message: str) -> NoReturn:
         raise UserError(f"{self._name}:{line}: {message}")
 
-    def _unknown(self, path: str, names: tuple[str, ...]) -> NoReturn:
+    def _unknown(self, path: str, names: Iterable[str]) -> NoReturn:
         self.refuse(path, f"unknown field {_quoted(path)}: choose one of {', '.join(names)}")
 
     def _value(self, field: fields.Field) -> Any:

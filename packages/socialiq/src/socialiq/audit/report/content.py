@@ -18,11 +18,11 @@ from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
 from socialiq.audit.verdict import results as judged
-from socialiq.audit.verdict.regret import Decision
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
-from socialiq.types import Json, Row
+from socialiq.types import Files, Json, Row
 from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
 
 FORMAT = 3
@@ -58,7 +58,7 @@ class Audited:
     evidence: Sequence[Evidence]  # of all references, then the same in each other traffic
     traffic: Sequence[Traffic]
     episodes: Chosen  # result of `replay.selected`
-    films: Mapping[str, bytes]  # films by path in the folder: `replay.path_of`
+    films: Files  # films by path in the folder: `replay.path_of`
     traces: Traces
     command: str  # which repeats the audit
     started: datetime.datetime

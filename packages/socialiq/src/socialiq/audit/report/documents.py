@@ -11,8 +11,7 @@ from typing import Literal, NamedTuple
 
 from socialiq.audit.profile.profile import is_recorded, measured_in
 from socialiq.audit.report.words import stated
-from socialiq.audit.verdict.regret import Decision
-from socialiq.audit.verdict.verdict import joint_decision
+from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
 from socialiq.types import Json

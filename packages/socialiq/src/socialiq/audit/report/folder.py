@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from socialiq.audit.evidence.drive import CANDIDATES
@@ -20,7 +20,7 @@ from socialiq.foreign import Markdown
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.reading import sha256_of
 from socialiq.storage import write_atomically
-from socialiq.types import Json
+from socialiq.types import Files, Json
 
 REPORT = "report.json"
 EVIDENCE = "episodes.csv"
@@ -36,7 +36,7 @@ PREDICATE_TYPE = "https://socialiq.example/audit/v1"  # a name, as in-toto requi
 _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 
 
-def sealed(files: Mapping[str, bytes], report: Json) -> dict[str, bytes]:
+def sealed(files: Files, report: Json) -> Files:
     """Return files by path with their statement, and the manifest of all these.
 
     Args:
@@ -47,13 +47,13 @@ def sealed(files: Mapping[str, bytes], report: Json) -> dict[str, bytes]:
     return {**subjects, MANIFEST: manifest(subjects)}
 
 
-def manifest(files: Mapping[str, bytes]) -> bytes:
+def manifest(files: Files) -> bytes:
     """Return the lines of `sha256sum` for all files, in the order of the paths."""
     names = sorted(files.keys() - {MANIFEST, SIGNATURES})
     return "".join(f"{sha256_of(files[name])}  {name}\n" for name in names).encode()
 
 
-def statement(files: Mapping[str, bytes], report: Json) -> bytes:
+def statement(files: Files, report: Json) -> bytes:
     """Return the in-toto Statement v1 that these files are the result of this audit.
 
     Args:
@@ -91,8 +91,8 @@ def files_of(
     report: Json,
     profile: Profile,
     evidence: Sequence[Evidence],
-    films: Mapping[str, bytes] | None = None,
-) -> dict[str, bytes]:
+    films: Files | None = None,
+) -> Files:
     """Return the content of all files by path, with manifest and statement.
 
     Args:
@@ -112,7 +112,7 @@ def files_of(
     return sealed(files, report)
 
 
-def tables_of(evidence: Sequence[Evidence]) -> dict[str, bytes]:
+def tables_of(evidence: Sequence[Evidence]) -> Files:
     """Return the tables of all episodes, by path: the declared traffic first.
 
     With a declared rule of the angle the policy's decision losses by context are among them.
@@ -132,7 +132,7 @@ def evidence_path(traffic: int) -> str:
     return f"episodes-shift-{traffic}.csv" if traffic else EVIDENCE
 
 
-def views_of(report: Json) -> dict[str, bytes]:
+def views_of(report: Json) -> Files:
     """Return the files that are made from the report alone."""
     tree = claims(report)
     diagram = Markdown(mermaid(tree))
@@ -178,7 +178,7 @@ def check_target(folder: Path, replace: bool) -> None:
         )
 
 
-def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> None:
+def write_folder(folder: Path, files: Files, replace: bool) -> None:
     """Write all files of a report by path, or leave the folder as it was (`check_target`).
 
     Args:

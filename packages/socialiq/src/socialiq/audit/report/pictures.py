@@ -39,11 +39,11 @@ class Tick(NamedTuple):
 
 @dataclass(frozen=True)
 class Scale:
-    """Places of points (x, y) in a box, above the smallest x and y, by a factor of the reward."""
+    """Places of points (x, y) in a box, above the smallest x and y, by a factor of each axis."""
 
     box: Box
     low: Point
-    factor: float
+    factor: Point
 
     @staticmethod
     def over(points: Sequence[Point], box: Box) -> Scale:
@@ -59,7 +59,7 @@ class Scale:
         spans = np.maximum(highs - lows, 1e-3)
         factor = float((1 - 2 * _MARGIN) * np.min(size / spans))
         x, y = ((lows + highs) / 2 - size / (2 * factor)).tolist()
-        return Scale(box, (x, y), factor)
+        return Scale(box, (x, y), (factor, factor))
 
     def at(self, x: float, y: float) -> Point:
         """Return the place of a point in the picture.
@@ -72,8 +72,8 @@ class Scale:
             Distances from the left and from the top, in units of the picture.
         """
         return (
-            round(self.box.left + (x - self.low[0]) * self.factor, 2),
-            round(self.box.bottom - (y - self.low[1]) * self.factor, 2),
+            round(self.box.left + (x - self.low[0]) * self.factor[0], 2),
+            round(self.box.bottom - (y - self.low[1]) * self.factor[1], 2),
         )
 
     def ticks(self, axis: int, about: int) -> list[Tick]:
@@ -86,7 +86,7 @@ class Scale:
         box = self.box
         length = box.right - box.left if axis == 0 else box.bottom - box.top
         low = self.low[axis]
-        high = self.low[axis] + length / self.factor
+        high = self.low[axis] + length / self.factor[axis]
         steps = round_steps(low, high, about)
         return [Tick(self.at(number, number)[axis], text) for number, text in steps]
 
@@ -278,13 +278,11 @@ def angles(report: Json) -> AnglePicture:
     highest = _ROOM * max(1.3 * margin, test["high"], test["regret"], rationalised["least"])
     bottom = lowest - 0.04 * (highest - lowest)
 
-    def at(angle: float, regret: float) -> Point:
-        x = BOX.left + (angle + 180.0) / 360.0 * (BOX.right - BOX.left)
-        return round(x, 2), round(height(regret), 2)
+    factors = (BOX.right - BOX.left) / 360.0, (BOX.bottom - BOX.top) / (highest - bottom)
+    scale = Scale(BOX, (-180.0, bottom), factors)
 
-    def height(regret: float) -> float:
-        share = (min(regret, 2.0 * highest) - bottom) / (highest - bottom)
-        return BOX.bottom - share * (BOX.bottom - BOX.top)
+    def at(angle: float, regret: float) -> Point:
+        return scale.at(angle, min(regret, 2.0 * highest))
 
     runs: list[list[Point]] = [[]]
     for point in curve:
@@ -300,12 +298,12 @@ def angles(report: Json) -> AnglePicture:
         box=BOX,
         x_ticks=[Tick(at(angle, 0.0)[0], label) for angle, label in labels.items()],
         ends=(at(0.0, 0.0)[0], at(90.0, 0.0)[0]),
-        y_ticks=[Tick(round(height(row), 2), text) for row, text in round_steps(bottom, highest)],
-        allowed=round(height(margin), 2),
+        y_ticks=scale.ticks(1, 7),
+        allowed=at(0.0, margin)[1],
         curve=path([at(*point) for point in curve]),
         within=tuple(path([at(*point) for point in run]) for run in runs if len(run) > 1),
         declared=at(declared, test["regret"]),
-        bounds=(round(height(test["low"]), 2), round(height(test["high"]), 2)),
+        bounds=(at(0.0, test["low"])[1], at(0.0, test["high"])[1]),
         least=least,
     )
 

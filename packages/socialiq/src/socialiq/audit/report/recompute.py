@@ -7,12 +7,13 @@ without a rerun. Episodes that were made up consistently are not: they need one.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, episode_seeds
 from socialiq.errors import UserError
 from socialiq.reading import sha256_of
 from socialiq.to_json import to_json
-from socialiq.types import Json, RewardPair
+from socialiq.types import Files, Json, RewardPair
 
 TOLERANCE = 1e-9
 """Largest relative difference of a recomputed number, for which see `differences_of`."""
@@ -112,7 +113,7 @@ def differences_of(audited: Audited, report: Json) -> list[str]:
     return differences(report, fresh, _CLAIMED, TOLERANCE)
 
 
-def audited_of(files: Mapping[str, bytes], report: Json) -> Audited:
+def audited_of(files: Files, report: Json) -> Audited:
     """Return the data of the audit that a report's files hold, by path; times are this process's.
 
     Raises:
@@ -159,7 +160,7 @@ def named_in(report: Json) -> tuple[str, ...] | None:
 
 
 def _evidence_of(
-    files: Mapping[str, bytes],
+    files: Files,
     report: Json,
     profile: Profile,
     draw: Draw,
@@ -176,20 +177,16 @@ def _evidence_of(
     names = [driver["name"] for driver in report["trivial"]]
     beside = [*([] if profile.rule is None else [LOSS]), *profile.effects]
     policy = report["policy"]["means"]["name"]
+    episodes = report["seeds"]["episodes"]
     tables = []
     for number, (purpose, description, rows) in enumerate(collected):
         path = evidence_path(number)
         attributes = {}
         for row in rows:
-            expected = None if row["expected"] is None else RewardPair(**row["expected"])
+            expected = row["expected"] and RewardPair(**row["expected"])
             attributes[row["name"]] = ReferenceAttributes(tuple(row["angles"]), expected)
-        if path not in files:
-            raise UserError(f"{path} is missing")
-        try:
-            table = read_table(files[path], description, policy, attributes, names, beside)
-        except UserError as error:
-            raise UserError(f"{path}: {error}") from error
-        episodes = report["seeds"]["episodes"]
+        with _content(files, path) as data:
+            table = read_table(data, description, policy, attributes, names, beside)
         if table.episodes != episodes:
             raise UserError(f"{path} has {table.episodes} episodes, not {episodes}")
         if table.seeds.tolist() != episode_seeds(draw.derived(purpose), episodes).tolist():
@@ -198,18 +195,25 @@ def _evidence_of(
     if profile.rule is None:
         return tables
     # The policy's decision losses by context add up to those of its episodes.
-    if CONTEXTS not in files:
-        raise UserError(f"{CONTEXTS} is missing")
     kinds = len(profile.rule.contexts)
     driven = tables[0].policy
-    try:
-        contexts = read_contexts(files[CONTEXTS], tables[0].episodes, kinds, CANDIDATES)
-    except UserError as error:
-        raise UserError(f"{CONTEXTS}: {error}") from error
+    with _content(files, CONTEXTS) as data:
+        contexts = read_contexts(data, episodes, kinds, CANDIDATES)
     if not np.array_equal(contexts.declared.sum(axis=1), driven.episodes[LOSS]):
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
     driven = dataclasses.replace(driven, contexts=contexts)
     return [dataclasses.replace(tables[0], policy=driven), *tables[1:]]
+
+
+@contextlib.contextmanager
+def _content(files: Files, path: str) -> Iterator[bytes]:
+    """Open the content of a file, whose path is in every `UserError` of the block."""
+    if path not in files:
+        raise UserError(f"{path} is missing")
+    try:
+        yield files[path]
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
 
 
 OF_A_RERUN = frozenset(f"report.{path}" for path in (*ALWAYS, *OF_CODE)) | {

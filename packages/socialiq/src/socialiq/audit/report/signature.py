@@ -10,7 +10,6 @@ import base64
 import binascii
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from socialiq.audit.report.folder import SIGNATURES, STATEMENT
 from socialiq.errors import UserError
 from socialiq.reading import read_bytes, sha256_of
+from socialiq.types import Files
 
 PAYLOAD_TYPE = "application/vnd.in-toto+json"
 
@@ -130,7 +130,7 @@ def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> 
     return (json.dumps(content, indent=2) + "\n").encode()
 
 
-def faults_of_signature(files: Mapping[str, bytes], key: PublicKey) -> list[str]:
+def faults_of_signature(files: Files, key: PublicKey) -> list[str]:
     """Return why a folder is not signed by a key.
 
     Args:

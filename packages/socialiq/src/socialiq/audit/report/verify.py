@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
 from socialiq.reading import open_file, sha256_of_file
-from socialiq.types import Json
+from socialiq.types import Files, Json
 
 LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 100,000
 
@@ -101,7 +101,7 @@ MOST_FILES = 100
 LARGEST_FOLDER = 4 * 1024**3  # bytes; a million episodes of 13 drivers in 3 traffics have half
 
 
-def content_of(folder: Path) -> dict[str, bytes]:
+def content_of(folder: Path) -> Files:
     """Return the content of every file below a folder, by path.
 
     Raises:
@@ -207,7 +207,7 @@ def faults(folder: Path) -> list[str]:
     return check_folder(folder).faults
 
 
-def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
+def _of_manifest(files: Files) -> list[str]:
     try:
         listed = _listed(files[MANIFEST])
         fresh = _listed(layout.manifest(files))

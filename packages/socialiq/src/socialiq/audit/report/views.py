@@ -50,6 +50,7 @@ def replays(report: Json) -> Replays | None:
     return Replays(script, data, f"{source_hash(script)} 'wasm-unsafe-eval'")
 
 
+Rows = list[dict[str, str]]  # of a table, with texts by column
 Real = int | float  # a number of JSON, where a whole number is an int
 
 
@@ -184,7 +185,7 @@ _COLUMNS = ("test", "name", "result", "estimate", "low", "high", "asked for")
 _OF_SHARE = ("share", "low", "high")
 
 
-def tested(report: Json) -> list[dict[str, str]]:
+def tested(report: Json) -> Rows:
     """Return the rows of all tests that decide, in words; `test` is the name in 20 characters."""
     tests = report["tests"]
     declared = report["declaration"]
@@ -192,8 +193,8 @@ def tested(report: Json) -> list[dict[str, str]]:
     regret, direction, character = (tests[key] for key in ("regret", "direction", "character"))
     rows = []
 
-    def add(test: str, name: str, decision: str, asked: str, *ends: str) -> None:
-        cells = (test, name, OUTCOMES[decision], *ends, asked)
+    def add(test: str, name: str, decision: str, limit: str, *ends: str) -> None:
+        cells = (test, name, OUTCOMES[decision], *ends, limit)
         rows.append(dict(zip(_COLUMNS, cells, strict=True)))
 
     angle = degrees(declared["angle"])
@@ -205,24 +206,24 @@ def tested(report: Json) -> list[dict[str, str]]:
     if direction is not None and direction["decision"] is not None:
         name = "direction, by the reference drivers of the angles"
         ends = between(direction["above"], direction["below"]), "", ""
-        asked = between(direction["low"], direction["high"])
-        add("direction", name, direction["decision"], asked, *ends)
+        limit = between(direction["low"], direction["high"])
+        add("direction", name, direction["decision"], limit, *ends)
     for side in character["beyond"] if character else ():
         name = f"drives beyond the {side['end']} end of the width"
-        asked = f"at most {percent(character['limit'])}"
+        limit = f"at most {percent(character['limit'])}"
         ends = (percent(side[key]) for key in _OF_SHARE)
-        add(f"beyond, {side['end']}", name, character["decision"], asked, *ends)
+        add(f"beyond, {side['end']}", name, character["decision"], limit, *ends)
     for test in tests["competence"]:
         name = test["name"]
         if is_known(report, name):
             show = functools.partial(amount, unit=units.get(name, ""))
             ends = (show(test[key]) for key in _OF_SHARE)
-            asked = f"{test['side']} {show(test['limit'])}"
-            add(name.replace("_", " "), criterion(name), test["decision"], asked, *ends)
+            limit = f"{test['side']} {show(test['limit'])}"
+            add(name.replace("_", " "), criterion(name), test["decision"], limit, *ends)
     return rows
 
 
-def by_class(report: Json) -> list[dict[str, str]]:
+def by_class(report: Json) -> Rows:
     """Return a row for each bound of an effect, by class of road users, in words.
 
     A class that the world has and that has no bound has a row that says so.

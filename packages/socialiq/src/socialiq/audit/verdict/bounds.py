@@ -13,8 +13,8 @@ from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes, criterion
 from socialiq.audit.profile.profile import Bound, Profile, measured_in
 from socialiq.audit.request import shipped_dial
 from socialiq.audit.seeds import episode_seeds
+from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.direction import driver_of, drivers_of
-from socialiq.audit.verdict.regret import Decision
 from socialiq.statistics import betting, intervals
 from socialiq.worlds.catalogue import KNOWN, base
 

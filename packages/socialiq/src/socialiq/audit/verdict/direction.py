@@ -29,7 +29,7 @@ from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.fields import LAST_DIRECTION
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.template import possible_loss
-from socialiq.audit.verdict.regret import Decision, slowest
+from socialiq.audit.verdict.decision import Decision, slowest
 from socialiq.evaluation.context import ContextLosses
 from socialiq.social.angle_rule import AngleRule, angle_words
 from socialiq.statistics import betting, intervals

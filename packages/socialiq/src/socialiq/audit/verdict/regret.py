@@ -10,8 +10,6 @@ is then as good as impossible, whatever its size. With a declared largest loss t
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -20,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.verdict.decision import Decision, slowest
 from socialiq.social.angle import Arc, complement, exact_weights, score
 from socialiq.statistics import betting, bootstrap, intervals
 from socialiq.types import RewardPair
@@ -27,36 +26,8 @@ from socialiq.types import RewardPair
 Losses = Float[np.ndarray, "reference episode"]
 """R(α) of each reference less the policy's in each episode."""
 
-
-class Decision(enum.Enum):
-    """Outcome of a test, and of the whole audit."""
-
-    PASS = "pass"
-    FAIL = "fail"
-    INCONCLUSIVE = "inconclusive"
-
-    @staticmethod
-    def of(holds: bool, broken: bool) -> Decision:
-        """Return PASS if a limit holds significantly, FAIL if it is broken, else INCONCLUSIVE.
-
-        Args:
-            holds: Whether the limit is significantly kept.
-            broken: Whether it is significantly broken.
-        """
-        if holds:
-            return Decision.PASS
-        return Decision.FAIL if broken else Decision.INCONCLUSIVE
-
-    @property
-    def headline(self) -> str:
-        """Decision as the commands print it."""
-        return "NOT DECIDED" if self is Decision.INCONCLUSIVE else self.value.upper()
-
-
-def slowest(needs: Sequence[int | None]) -> int | None:
-    """Return the largest of some numbers of episodes; None if no number is enough for one."""
-    counts = [count for count in needs if count is not None]
-    return max(counts) if len(counts) == len(needs) else None
+Compared = Bool[np.ndarray, " reference"]
+"""Whether the test compares each reference."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +55,7 @@ class Regrets:
         """Moments of the gains, with their resamples."""
         return bootstrap.Moments.of(self._gains, self.seed, self.resamples)
 
-    def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
+    def compared(self, angle: float) -> Compared:
         """Return which references are compared at an angle."""
         weights = exact_weights(angle)
         exact = [
@@ -179,7 +150,7 @@ class _Gains(NamedTuple):
     resampled: bootstrap.Studentised
     values: Losses
     reach: float  # largest possible difference: the range of the rewards of all drivers
-    rare: Bool[np.ndarray, " reference"]  # nearly all differences are equal (`intervals`)
+    rare: Compared  # nearly all differences are equal (`intervals`)
 
 
 _ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding errors
@@ -210,7 +181,7 @@ def exceeds(loss: float, largest_loss: float) -> bool:
 
 def loss_bounds(
     losses: Losses,
-    compared: Bool[np.ndarray, " reference"],
+    compared: Compared,
     margin: float,
     largest_loss: float,
     pass_error: float,
@@ -243,7 +214,7 @@ def loss_bounds(
 
 def needed_with(
     losses: Losses,
-    compared: Bool[np.ndarray, " reference"],
+    compared: Compared,
     margin: float,
     largest_loss: float,
     error: float,

@@ -19,7 +19,8 @@ from socialiq.audit.evidence.drive import GO_AND_WAIT
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
 from socialiq.audit.profile.profile import Profile, Traffic, scenario_sha256
 from socialiq.audit.verdict.bounds import bound_tests
-from socialiq.audit.verdict.regret import Decision, Regrets
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets
 from socialiq.audit.verdict.verdict import decide, direction_tests, enough_resamples
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics import comparisons

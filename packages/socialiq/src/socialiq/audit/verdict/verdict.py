@@ -7,7 +7,7 @@ no evidence of the policy's behaviour (`results.discriminate`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from socialiq.audit.evidence.consistency import Consistency
@@ -15,6 +15,7 @@ from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Bound, Profile
 from socialiq.audit.verdict.bounds import BoundTest, bound_tests
+from socialiq.audit.verdict.decision import Decision, joint_decision, slowest
 from socialiq.audit.verdict.direction import (
     CharacterTest,
     DirectionTest,
@@ -25,12 +26,10 @@ from socialiq.audit.verdict.direction import (
 )
 from socialiq.audit.verdict.regret import (
     CompatibleAngles,
-    Decision,
     Regrets,
     RegretTest,
     compatible_angles,
     regret_test,
-    slowest,
 )
 from socialiq.errors import UserError
 from socialiq.reading import sha256_of
@@ -179,14 +178,6 @@ def join_tests(
     return replace(tested, decision=decision, needed=needed)
 
 
-def joint_decision(decisions: Iterable[Decision | None]) -> Decision:
-    """Return PASS if all tests pass, FAIL if any fails, else INCONCLUSIVE."""
-    outcomes = set(decisions)
-    if Decision.FAIL in outcomes:
-        return Decision.FAIL
-    return Decision.PASS if outcomes == {Decision.PASS} else Decision.INCONCLUSIVE
-
-
 _BEYOND = 20
 """Resamples beyond the quantile of a pass, at least; with one the quantile would be a guess."""
 
@@ -321,8 +312,8 @@ def _reason(decisive: Decisive, profile: Profile) -> str:
         "and it keeps the declared safety floor."
     )
     effects = decisive.competence[len(CRITERIA) :]
-    kept = [f"{test.kept(world)} (declared: {test.asked(world)})" for test in effects]
-    text += f" It {', '.join(kept)}." if kept else ""
+    effects_kept = [f"{test.kept(world)} (declared: {test.asked(world)})" for test in effects]
+    text += f" It {', '.join(effects_kept)}." if effects_kept else ""
     if regret.bound == "bootstrap":
         return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
     return text[0].upper() + text[1:]

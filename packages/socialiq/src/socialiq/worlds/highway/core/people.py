@@ -40,7 +40,7 @@ from socialiq.worlds.road_users import (
 )
 
 IDENTITY = 10_000  # of the first person
-NOBODY = -1  # number of no agent
+NO_AGENT = -1
 STANDS = 0.3  # m/s, of a vehicle that stands
 NEAR = 2.0  # s to contact below which an encounter is close
 
@@ -324,7 +324,7 @@ def walk(episode, vehicles, people, influences, road, settings):
             if person.speed > fastest:
                 continue
             person.state = WAITING
-        held = _is_held(person, vehicles, count, road, NOBODY, settings)
+        held = _is_held(person, vehicles, count, road, NO_AGENT, settings)
         holding = 0  # one bit per agent without which the person would go on
         if held:
             for number in range(settings.agents):
