@@ -253,9 +253,9 @@ def audit_rows(
     return rows
 
 
-def _at(report: Any, place: str) -> Any:
-    """Return the value at a dotted place of a report, None if one of its parts is missing."""
-    for key in place.split("."):
+def _at(report: Any, path: str) -> Any:
+    """Return the value at a dotted path of a report, None if one of its parts is missing."""
+    for key in path.split("."):
         report = (report or {}).get(key)
     return report
 

@@ -56,7 +56,10 @@ def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
         ([*GO, "--shift", "mars"], "mars"),
         ([*GO, "--demand", "day.rou.xml"], "demand is of SUMO: choose sumo"),
         ([*GO, "--shield", "2"], "no one walks here"),
-        (["effects", "merge", "--policy", "go", "--shift", "wet"], "no option population"),
+        (
+            ["effects", "merge", "--policy", "go", "--shift", "dense"],
+            "no option initial_vehicle_count",
+        ),
         (["effects", "crossing7", "--policy", "go", "--shift", "late"], "which has no sensor"),
         (["effects", "crosswalk7", "--policy", "go", "--shield", "2"], "no seconds to a collision"),
         (["effects", "sumo", "--policy", "go", "--shield", "2"], "the people here are not of"),

@@ -4,6 +4,7 @@
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -312,7 +313,7 @@ def decide(road, buffers, row, settings, slack):
     note(vehicles, buffers.after[row])
 
 
-def _entries(sources: int):
+def _run(sources: int):
     @allocating_entry_point
     def run(buffers, commands, seeds, seeded, actions, options, junction, first, end):
         road, levels, slack = junction
@@ -337,6 +338,10 @@ def _entries(sources: int):
                 observe(road, episode, vehicles, buffers.observation[row])
         return sources  # so that the cache depends on the sources
 
+    return run
+
+
+def _replay(sources: int):
     @allocating_entry_point
     def replay(road, state, results, recordings, egos, steps, options, first, end):
         episode = state[0][0]
@@ -360,6 +365,10 @@ def _entries(sources: int):
             annotate(road, episode, vehicles, progress, ending, options[0], results, moment)
         return sources
 
+    return replay
+
+
+def _without_ego(sources: int):
     @allocating_entry_point
     def without_ego(road, state, recordings, states, steps, options, slack, first, end):
         for row in range(first, end):
@@ -376,10 +385,12 @@ def _entries(sources: int):
                 episode.others_hit += hits
         return sources
 
-    return run, replay, without_ego
+    return without_ego
 
 
-run, replay, without_ego = _entries(fingerprint(__file__))
+run: Any = _run(fingerprint(__file__))
+replay: Any = _replay(fingerprint(__file__))
+without_ego: Any = _without_ego(fingerprint(__file__))
 """Entry points: carry out a command for every episode of a batch (`highway.core.step.run`); write
 observation and rewards of recorded moments; drive all vehicles from the first frame.
 

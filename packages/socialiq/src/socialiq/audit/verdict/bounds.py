@@ -41,11 +41,11 @@ class BoundTest:
     fail_error: float  # one-sided error of a wrong fail
     needed: int | None  # episodes that would decide, if the mean is true and not the limit
 
-    def asked(self, world: str) -> str:
+    def limit_told(self, world: str) -> str:
         """Return the limit with its side, as "at most 5 %", by the units of a world."""
         return f"{self.side} {self._amount(self.limit, world)}"
 
-    def kept(self, world: str) -> str:
+    def bound_told(self, world: str) -> str:
         """Return what the driver does at most, or at least, by the bound that a pass rests on."""
         bound = self.low if self.side == "at least" else self.high
         return self.told(bound, world, f"{self.side} ")
@@ -71,9 +71,10 @@ class BoundTest:
             world: Name of the world, which decides the unit.
         """
         if self.decision is Decision.FAIL:
+            limit = self.limit_told(world)
             if self.side == "at least":
-                return f"it {self.told(self.high, world, 'at most ')} ({self.asked(world)} needed)"
-            return f"it {self.told(self.low, world, 'at least ')} ({self.asked(world)} allowed)"
+                return f"it {self.told(self.high, world, 'at most ')} ({limit} needed)"
+            return f"it {self.told(self.low, world, 'at least ')} ({limit} allowed)"
         if self.name not in CRITERIA:
             return self.told(self.limit, world, f"{self.side} ")
         return f"{criterion(self.name)} {'often enough' if self.name == 'arrival' else 'too often'}"
@@ -180,7 +181,7 @@ def faults_of_bounds(profile: Profile) -> dict[str, str]:
         bound.path: (
             f"the best driver of {angle:g} degrees "
             f"{test.told(test.share, name, of=f'{CHECKED:,} episodes')}, and the "
-            f"{'floor' if test.name in CRITERIA else 'bound'} asks for {test.asked(name)}: "
+            f"{'floor' if test.name in CRITERIA else 'bound'} asks for {test.limit_told(name)}: "
             "declare another limit"
         )
         for bound, test in zip(profile.bounds, bound_tests(best, profile.bounds), strict=True)

@@ -312,7 +312,9 @@ def _reason(decisive: Decisive, profile: Profile) -> str:
         "and it keeps the declared safety floor."
     )
     effects = decisive.competence[len(CRITERIA) :]
-    effects_kept = [f"{test.kept(world)} (declared: {test.asked(world)})" for test in effects]
+    effects_kept = [
+        f"{test.bound_told(world)} (declared: {test.limit_told(world)})" for test in effects
+    ]
     text += f" It {', '.join(effects_kept)}." if effects_kept else ""
     if regret.bound == "bootstrap":
         return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
