@@ -213,6 +213,9 @@ def test_a_wet_road_has_smaller_steps_and_half_the_accelerations_of_its_own_driv
     np.testing.assert_array_equal(halved[:3], dry[:3])
     np.testing.assert_array_equal(halved[3:], dry[3:] / 2)
     assert Shift(wet=True).options_of((0.0, 4.5, 9.0))["target_speeds"] == (0.0, 3.0, 6.0, 9.0)
+    assert len(Shift(wet=True).options_of((0.0, 1.0, 2.0, 3.0, 4.0))["target_speeds"]) == 7
+    with pytest.raises(UserError, match="give at most 5 target_speeds, not 6"):
+        registry.make("intersection", target_speeds=tuple(map(float, range(6))), shift="wet")
 
 
 def test_a_dial_of_more_times_acts_as_before():

@@ -32,7 +32,9 @@ class Normal(NamedTuple):
 class Population(NamedTuple):
     """Distributions that a driver draws from when it enters, in the order of the fields.
 
-    No number is drawn for a field with deviation 0.
+    A road that draws the exponent of the free-road term, as the intersection does for each driver,
+    draws it first, uniformly from 3.5 to 4.5 as highway-env. No number is drawn for a field with
+    deviation 0.
     """
 
     # m/s. Infinite: the driver starts with the speed it enters at, and takes the road's limit after

@@ -21,7 +21,7 @@ from socialiq.settings import assignments, changed
 from socialiq.worlds.highway.core.geometry import VEHICLE_WIDTH
 from socialiq.worlds.highway.core.splitmix import following
 from socialiq.worlds.highway.ego import EgoModel
-from socialiq.worlds.highway.options import FEATURES
+from socialiq.worlds.highway.options import FEATURES, MOST_SPEEDS
 
 Exit = Literal["", "own", "left", "right", "straight"]
 
@@ -53,8 +53,8 @@ class Shift:
     spawn: float = -1.0  # `spawn_probability`; -1: as in the world's options
     drivers: str = ""  # `population`
     rate: int = 0  # decisions per second
-    # whether a decision changes the target speed by two thirds of what it does on the dry road (by
-    # 3 m/s at the intersection), and drivers are of the population `wet`
+    # whether a decision changes the target speed by about two thirds of what it does on the dry
+    # road (by 3 m/s at the intersection), and drivers are of the population `wet`
     wet: bool = False
 
     def __post_init__(self) -> None:
@@ -88,11 +88,19 @@ class Shift:
 
         Args:
             target_speeds: The ego's on this road, m/s.
+
+        Raises:
+            UserError: If there are too many target speeds for a wet road.
         """
         changes = {OPTIONS[name]: value for name, value in self.changes.items() if name in OPTIONS}
         if self.wet:
             changes["population"] = self.drivers or "wet"
             count = 1 + round(WET * (len(target_speeds) - 1))
+            if count > MOST_SPEEDS:
+                raise UserError(
+                    f"a wet road has half more steps of speed: give at most 5 target_speeds, not "
+                    f"{len(target_speeds)}"
+                )
             speeds = np.linspace(target_speeds[0], target_speeds[-1], count)
             changes["target_speeds"] = tuple(speeds.tolist())
         return changes
