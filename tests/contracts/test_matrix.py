@@ -27,6 +27,7 @@ CAPABILITIES = {
     "steering": "control=steering",
     "exit": "exit=right",
     "left hand": "left_hand=true",
+    "along the route": "observation=route",
 }
 """Words of the grammar by capability."""
 

@@ -331,3 +331,10 @@ def is_unit_box(space: Any) -> bool:
     """Whether the bounds of a Gymnasium `Box` are -1 and 1, and its actions one float32 vector."""
     bounds = np.abs([space.low, space.high])
     return space.dtype == np.float32 and len(space.shape) == 1 and bool((bounds == 1.0).all())
+
+
+OBSERVATION = "observation"
+"""Name, in provenance, of the schema of observations where that is not `ROWS`."""
+
+ROWS = "rows-1"
+"""Schema of observations that are not named otherwise: rows of vehicles, or a gridworld's state."""

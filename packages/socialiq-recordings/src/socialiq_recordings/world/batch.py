@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from socialiq.worlds.highway.batch import RoadBatch
+from socialiq.worlds.highway.observation import OWN, AlongRoute, Line, line_of
 from socialiq.worlds.highway.options import EPISODE as ROAD_EPISODE
 from socialiq.worlds.highway.options import Buffers, settings_of
 from socialiq_recordings.recording import GROUPS, PEOPLE
@@ -108,6 +109,31 @@ class JunctionBatch(RoadBatch):
         self.n_actions = world.n_actions
         # m/s²; the last is that of AS_DRIVER
         self.levels = np.array([*world.config.levels, np.nan])
+        self.idle = world.ego.idle
+        if options.along_route:
+            self._along = AlongRoute(world.ego, world.max_speed)
+
+    def _own(self) -> np.ndarray:
+        assert self._along is not None
+        own = np.zeros(self.size, OWN)
+        ways = self._egos_ways
+        own["way"] = self._along.numbers(ways, lambda row: self._route(int(ways[row])))
+        own["seconds_left"] = self.options.duration - self.clocks / self.options.policy_frequency
+        own["cos"] = 1.0
+        return own
+
+    @property
+    def _egos_ways(self) -> np.ndarray:
+        controlled = self.buffers.episodes["controlled"][:, 0]
+        return self.buffers.vehicles["way"][np.arange(self.size), controlled]
+
+    def _route(self, way: int) -> Line:
+        """Return the route along a way, in the frame of rows: a line to the north."""
+        road = self.world.road
+        origin = float(road.origin[way])
+        length = float(np.diff(road.line_first[way : way + 2])[0] - 1)
+        ends = np.array([(0.0, origin), (0.0, origin - length)])
+        return line_of(ends, origin, float(road.zone[way, 1]), float(road.arrival[way]))
 
     def recording(self, row: int = 0) -> int:
         """Return the number of an episode's recording."""

@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -18,7 +18,8 @@ from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.ego import EgoModel
-from socialiq.worlds.highway.options import MAX_SPEED
+from socialiq.worlds.highway.kinds import changed_options
+from socialiq.worlds.highway.options import MAX_SPEED, Schema
 from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.highway.shifts import OR, Shift
 from socialiq.worlds.highway.world import RoadWorld
@@ -90,6 +91,7 @@ class RecordedWorld(RoadWorld):
     effects: EffectOptions | None = None
     shifts: tuple[Shift, ...] = ()
     front_end: FrontEnd | None = None
+    observation: Schema = "rows"  # schema of observations
 
     drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
     references: ClassVar[tuple[str, ...]] = drivers
@@ -101,12 +103,13 @@ class RecordedWorld(RoadWorld):
         described |= {"effects": dataclasses.asdict(self.effects)} if self.effects else {}
         described |= {"shift": OR.join(map(str, self.shifts))} if self.shifts else {}
         described |= {"front_end": str(self.front_end)} if self.front_end else {}
+        described |= {"observation": self.schema} if self.observation != "rows" else {}
         return json.dumps(described, sort_keys=True, separators=(",", ":"))
 
     @property
     def options(self) -> Options:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Options of the reward pair."""
-        return dataclasses.replace(
+        options = dataclasses.replace(
             self.config.rewards,
             simulation_frequency=SUB_STEPS,
             policy_frequency=self.config.policy_rate,
@@ -114,6 +117,13 @@ class RecordedWorld(RoadWorld):
             observed_vehicles=self.config.observed_vehicles,
             target_speeds=(0.0, self.max_speed / 2, self.max_speed),
         )
+        if self.observation == "rows":
+            return options
+        return changed_options(options, {"observation": self.observation})
+
+    def showing(self, schema: str) -> RecordedWorld:
+        """Return the same world with observations of a schema."""
+        return dataclasses.replace(self, observation=cast(Any, schema))
 
     @property
     def ego(self) -> EgoModel:

@@ -171,6 +171,7 @@ def driver_in(
         )
     settings: dict[str, Any] = {"angle": driver.at(angle) or 0.0, "allow_code": allow_code}
     settings |= {"clock": clock, "class_angle": driver.class_angle}
+    settings["schema"] = getattr(world, "schema", "")
     loaded = load_policy(driver.spec, *sizes(env), action_size=action_size(env), **settings)
     return drivers.finished(driver, loaded, world)
 

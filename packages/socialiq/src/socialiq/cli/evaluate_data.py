@@ -80,9 +80,9 @@ def _rows(evaluator: Evaluator, spec: Any, command: Any) -> list[Row]:
     estimate = None
     for angle in angles:
         if estimate is None or dial is not None:
-            loaded = load_policy(
-                spec, data.n_features, data.n_actions, angle=angle, allow_code=code
-            )
+            sizes = data.n_features, data.n_actions
+            schema = data.schema
+            loaded = load_policy(spec, *sizes, angle=angle, allow_code=code, schema=schema)
             with loaded:
                 chances = _chances_of(loaded.policy, data.n_actions, command.soft)
                 estimate = evaluator.evaluate(chances)

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float32, Int, Int8, Int32, Shaped
 from socialiq.demonstrations import columns
 from socialiq.errors import UserError, one_of
 from socialiq.social.returns import TARGET_KINDS, advantage, cumulative, mean_by_state
-from socialiq.types import Ending, RewardPair
+from socialiq.types import OBSERVATION, ROWS, Ending, RewardPair
 
 ADVANTAGE_KINDS = ("advantage", "advantage_fitted")
 """Targets that are the rewards, shaped by the demonstrators' mean return-to-go V of a state.
@@ -164,6 +164,20 @@ class Demonstrations:
     def n_episodes(self) -> int:
         """Number of episodes."""
         return int(self.episode[-1]) + 1
+
+    @property
+    def schema(self) -> str:
+        """Schema of the observations, as their source or one that it is made of names it."""
+        sources: list[Any] = [self.source]
+        while sources:
+            source = sources.pop()
+            if isinstance(source, list):
+                sources += source
+            elif isinstance(source, dict):
+                if OBSERVATION in source:
+                    return str(source[OBSERVATION])
+                sources += source.values()
+        return ROWS
 
     @property
     def n_features(self) -> int:

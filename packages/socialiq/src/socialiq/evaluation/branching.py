@@ -17,10 +17,9 @@ from socialiq.evaluation.measures import Episodes
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Act, ByClass, Ending, Memoryless, Policy, RewardPair
 from socialiq.worlds import world
-from socialiq.worlds.highway.batch import RoadBatch, State
-from socialiq.worlds.highway.options import EgoOptions
+from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.scene_batch import Batch
-from socialiq.worlds.intersection.options import ACTIONS, FASTER, IDLE, SLOWER, Options
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
 
@@ -61,7 +60,7 @@ def branched_returns(
     """Return the sums of rewards of each action in the present states, each (batch, actions).
 
     Each action is taken in a copy, and the policy drives the copy to the end of its episode.
-    Actions that select one target speed share one copy. Episodes that have ended give 0.
+    Actions that do the same share one copy. Episodes that have ended give 0.
 
     Args:
         batch: Episodes, on the core; they are not changed.
@@ -70,10 +69,10 @@ def branched_returns(
         angles: Of each episode in degrees, if the policy observes it; or a row of two angles.
     """
     size = batch.size
-    count = len(ACTIONS)
+    count = batch.n_actions
     now = batch.save()
     copies = batch.branch(np.repeat(np.arange(size), count))
-    same = equivalent_actions(now, batch.options)
+    same = batch.equivalent_actions
     same[batch.late] = np.arange(count)  # an action takes effect at another speed
     running = (same == np.arange(count)).ravel() & np.repeat(~now.waiting, count)
     totals: list[np.ndarray] = []
@@ -167,31 +166,6 @@ def observed(
     columns += [batch.time] if clock else []
     columns += [] if angles is None else [angles.astype(np.float32)]
     return np.column_stack(columns) if len(columns) > 1 else batch.observation
-
-
-def equivalent_actions(state: State, options: EgoOptions) -> Int64[np.ndarray, "batch action"]:
-    """Return for each action the first of those that select the same target speed.
-
-    SLOWER and FASTER select the speeds below and above the one nearest to the present speed, IDLE
-    keeps the target speed (`core.drivers.choose`); the lowest speed has none below.
-
-    Args:
-        state: State of the episodes, as `Batch.save` returns it.
-        options: Options of their world, with its target speeds.
-
-    Returns:
-        Number of an action for each episode and action.
-    """
-    ego = state.vehicles[np.arange(len(state.episodes)), state.episodes["controlled"][:, 0]]
-    speeds = np.array(options.target_speeds)
-    last = len(speeds) - 1
-    share = (ego["speed"] - speeds[0]) / (speeds[last] - speeds[0])
-    nearest = np.clip(np.rint(share * last), 0, last).astype(np.int64)
-    target = np.empty((len(ego), len(ACTIONS)))
-    target[:, SLOWER] = speeds[np.maximum(nearest - 1, 0)]
-    target[:, IDLE] = ego["target_speed"]
-    target[:, FASTER] = speeds[np.minimum(nearest + 1, last)]
-    return (target[:, :, None] == target[:, None, :]).argmax(axis=2)
 
 
 class OracleLookahead(Memoryless):

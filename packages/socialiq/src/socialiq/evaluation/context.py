@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64
 
-from socialiq.evaluation.branching import equivalent_actions, rollouts
+from socialiq.evaluation.branching import rollouts
 from socialiq.evaluation.measures import Episodes, columns_of
 from socialiq.evaluation.simulate import Step, actor_of, simulate
 from socialiq.mdp.horizon import horizon_optimum
@@ -356,7 +356,7 @@ class LossActor:
         best = self._reference.q_values_at(inputs, angles.ravel()).argmax(axis=1)
         state = self._batch.save().rows(rows)
         origin = np.repeat(np.arange(count), columns)
-        same = equivalent_actions(state, self._batch.options)[origin]
+        same = self._batch.equivalent_actions[rows][origin]
         taken = action[rows][origin]
         cells = np.arange(len(origin))
         lost = np.zeros(len(origin))

@@ -212,6 +212,11 @@ class _Judged:
         """Current observations."""
         return self._batch.observation
 
+    @property
+    def shown(self) -> np.ndarray:
+        """Rows of road users that are shown."""
+        return self._batch.shown
+
     def seen_by(self, policy: Any) -> np.ndarray:
         """Return what a policy observes."""
         return self._batch.seen_by(policy)

@@ -107,14 +107,12 @@ def _metres(position: Float32[np.ndarray, " batch"]) -> Float[np.ndarray, " batc
 def _presses_on(step: Step) -> Bool[np.ndarray, " row"]:
     """Whether the ego has a conflict and does not slow down."""
     slows = step.action[:, 0] < 0.0 if step.action.ndim == 2 else step.action == SLOWER
-    return conflict_at_junction(step.observation, ~slows)
+    return conflict_at_junction(step.rows, ~slows)
 
 
 AT_INTERSECTION = DECISION | {
-    "entered": Quantity("", lambda step: entered(step.made.observation), "any"),
-    "conflicts": Quantity(
-        "decisions", lambda step: conflict_at_junction(step.observation), "count"
-    ),
+    "entered": Quantity("", lambda step: entered(step.reached), "any"),
+    "conflicts": Quantity("decisions", lambda step: conflict_at_junction(step.rows), "count"),
     "pressed": Quantity("decisions", _presses_on, "count"),
 }
 """Quantities of a decision at the intersection: whether the ego's centre has passed its stop line;

@@ -19,10 +19,11 @@ from socialiq.evaluation import simulate as simulation
 from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.simulate import Step, play, simulate
 from socialiq.social.angle import AngleEstimate, estimate_angle
-from socialiq.types import Ending, Policy, RewardPair
+from socialiq.types import OBSERVATION, Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import GridBatch, Table
 from socialiq.worlds.environment import action_bounds
 from socialiq.worlds.highway.batch import RoadBatch
+from socialiq.worlds.highway.observation import ROUTE
 from socialiq.worlds.tabular_policy import draw_actions, expert_policy
 
 MODES = {"egoistic": 0.0, "prosocial": 45.0, "altruistic": 90.0}
@@ -94,7 +95,12 @@ def record(
         **columns,
         mode_names=(mode,),
         n_actions=0 if batch.options.continuous else batch.n_actions,
-        source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
+        source={
+            "first_seed": int(np.min(seeds)),
+            "episodes": len(seeds),
+            **({OBSERVATION: ROUTE} if batch.options.along_route else {}),
+            **(source or {}),
+        },
     )
     return Recorded(transitions, RewardPair(*classical))
 

@@ -31,6 +31,9 @@ class Step(NamedTuple):
         episode: Number of the episode in each row.
         running: Rows that decided.
         observation: Before the decision.
+        rows: Rows of road users before the decision, where `observation` has another schema; else
+            the observation.
+        reached: Rows of road users after it.
         action: Those of running rows alone are used.
         made: Result of the simulator: at least `rewards` and `ending`.
     """
@@ -38,8 +41,10 @@ class Step(NamedTuple):
     episode: Int64[np.ndarray, " row"]
     running: Bool[np.ndarray, " row"]
     observation: Any
+    rows: Any
     action: Int64[np.ndarray, " row"] | Float[np.ndarray, "row value"]
     made: Any
+    reached: Any
 
 
 def simulate(
@@ -72,14 +77,27 @@ def simulate(
             simulator.reset(queue[episode[begun]], rows=begun)
             actor.begin(begun, queue[episode[begun]])
         observation = simulator.observation
+        rows = shown_rows(simulator, observation)
         action = actor.decide(observation, running)
         result = simulator.step(action, auto_reset=False, rows=running)
-        yield Step(episode.copy(), running.copy(), observation, action, result)
+        reached = shown_rows(simulator, result.observation)
+        yield Step(episode.copy(), running.copy(), observation, rows, action, result, reached)
         free = np.flatnonzero(running & _over(simulator, result.ending))
         begun = free[: max(len(queue) - following, 0)]
         running[free[len(begun) :]] = False
         episode[begun] = following + np.arange(len(begun))
         following += len(begun)
+
+
+def shown_rows(simulator: Any, observation: Any) -> Any:
+    """Return the rows of road users that are shown now, which a schema of a road may replace.
+
+    Args:
+        simulator: Episodes side by side.
+        observation: What they show policies.
+    """
+    rows = getattr(simulator, "shown", observation)
+    return observation if np.shape(rows) == np.shape(observation) else rows.copy()
 
 
 def _over(simulator: Any, ending: np.ndarray) -> Bool[np.ndarray, " row"]:

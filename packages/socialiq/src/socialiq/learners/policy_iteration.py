@@ -42,7 +42,7 @@ from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy, knots_between
 from socialiq.nn.q_network import network_of
-from socialiq.nn.view import CHOICES, PresentRows, View, angle_columns
+from socialiq.nn.view import CHOICES, ROWS, PresentRows, View, angle_columns
 from socialiq.social.angle import score
 from socialiq.types import Act, ByClass, RewardPair
 
@@ -122,7 +122,8 @@ def with_network_of(static: DialIterationConfig, dial: DialPolicy) -> DialIterat
         raise UserError(
             "this dial has no pair of values for each action: train it with --heads pair"
         )
-    names = [name for name, choice in CHOICES.items() if choice == getattr(view, "choice", None)]
+    read = view.choice._replace(layout=ROWS) if isinstance(view, View) else None
+    names = [name for name, choice in CHOICES.items() if choice == read]
     if not names or (view is None) != (names == ["flat"]):
         raise UserError("this dial reads a gridworld: give one of the intersection")
     low = static.low

@@ -193,11 +193,12 @@ def encoding(
     if one_hot:
         return OneHot.of(one_hot)
     one_of("view", view, tuple(CHOICES))
-    choice = CHOICES[view]
-    if choice is None:
+    unfitted = CHOICES[view]
+    if unfitted is None:
         return None
     listed = n_features - bool(times)
-    if listed % ROW or listed < 2 * ROW:
+    choice = unfitted.fitting(listed)
+    if choice is None:
         raise UserError(
             f"view {view} reads rows of {ROW} numbers, one for each vehicle, and this world's "
             f"observation has {listed}: use the view flat"

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.nn.view import ROW, Choice, Encoding, OneHot, View, row_width
+from socialiq.nn.view import Choice, Encoding, OneHot, View, ego_width, row_width
 from socialiq.reading import path_of
 from socialiq.storage import content_hash, kind_of, load_arrays, save_arrays
 
@@ -108,6 +109,20 @@ class Saved(ABC):
         """
         path = path_of(path)
         return cls.checked(path, *load_arrays(path, cls.KIND, cls.VERSIONS))
+
+
+def noted(policy: Any, entries: Mapping[str, Any]) -> Any:
+    """Return a policy or dial with further entries of its provenance.
+
+    Args:
+        policy: A policy, or a dial, whose `turned` is one.
+        entries: The entries; without any the policy itself is returned.
+    """
+    if not entries:
+        return policy
+    if hasattr(policy, "turned"):
+        return replace(policy, turned=noted(policy.turned, entries))
+    return replace(policy, provenance={**policy.provenance, **entries})
 
 
 def load_one_of(path: Path, classes: Sequence[type[Any]]) -> Any:
@@ -299,18 +314,19 @@ def _is_possible(view: Any) -> bool:
             type(low) is int and type(size) is int and size > 0
             for low, size in zip(view.lows, view.sizes, strict=True)
         )
-    pooled, relative, scale, ahead = view.choice
+    pooled, relative, scale, ahead, layout = view.choice
     flags = all(type(flag) is bool for flag in (pooled, relative, ahead))
     plain = isinstance(scale, float) and flags and (relative or not ahead)
     if not (type(view.n_features) is int and type(view.times) is int):
         return False
     listed = view.n_features - bool(view.times)
-    rows = listed % ROW == 0 and listed > ROW and 0 <= view.times <= MOST_TIMES
+    fitting = view.choice.fitting(listed)
+    rows = fitting is not None and fitting.layout == layout and 0 <= view.times <= MOST_TIMES
     if not (plain and rows and np.isfinite(scale) and pooled == bool(view.weights)):
         return False
     if not pooled:
         return True
-    encoded = (view.width - view.times - (ROW - 1)) // 2
+    encoded = (view.width - view.times - ego_width(view.choice)) // 2
     inputs = row_width(view.choice)
     return _chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded
 

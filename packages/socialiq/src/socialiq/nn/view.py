@@ -1,9 +1,12 @@
 """Encodings of an observation for a perceptron: vehicles as a list or a set, integers one-hot.
 
-The intersection's observation is rows of seven numbers (presence, x, y, vx, vy, cos h, sin h), the
-ego's first, and with a clock the time at the end. A perceptron over the flat list has to learn each
-vehicle's effect once for each row that it may occupy, and distances from pairs of absolute
-positions. In a gridworld an input for each value makes rules that hold in one cell easy to fit.
+The observation `rows-1` is rows of seven numbers (presence, x, y, vx, vy, cos h, sin h), the ego's
+first, and with a clock the time at the end. The observation `route-1` has numbers of the ego, then
+rows of further road users that are relative to it already (`worlds.highway.observation`).
+
+A perceptron over the flat list has to learn each vehicle's effect once for each row that it may
+occupy, and distances from pairs of absolute positions. In a gridworld an input for each value makes
+rules that hold in one cell easy to fit.
 """
 
 from __future__ import annotations
@@ -69,6 +72,10 @@ class OneHot:
 ROW = 7
 """Numbers of a vehicle."""
 
+ROWS = (ROW, ROW)
+ROUTE = (38, 53)
+"""Numbers of the ego, and of each further road user, in the schemas of observations."""
+
 
 class Choice(NamedTuple):
     """Properties of a view.
@@ -79,25 +86,48 @@ class Choice(NamedTuple):
         relative: Add each vehicle's position, velocity and heading relative to the ego.
         scale: Factor on positions and velocities: 5 maps 20 m and 4 m/s to 1.
         ahead: Add how close each vehicle comes to the ego in the next seconds (`closeness`).
+        layout: Numbers of the ego and of each further road user; `relative`, `scale` and `ahead`
+            are of `ROWS` alone.
     """
 
     pooled: bool
     relative: bool
     scale: float
     ahead: bool = False
+    layout: tuple[int, int] = ROWS
+
+    @property
+    def is_of_rows(self) -> bool:
+        """Whether the observation is rows of vehicles, the ego's first."""
+        return self.layout == ROWS
+
+    def fitting(self, listed: int) -> Choice | None:
+        """Return the same choice in the layout of an observation; None if it has none.
+
+        Args:
+            listed: Length of the observation without the time.
+        """
+        for layout in (ROWS, ROUTE):
+            ego, user = layout
+            if listed > ego and (listed - ego) % user == 0:
+                return self._replace(layout=layout)
+        return None
 
     def described(self) -> dict[str, Any]:
-        """Return the properties as a file has them: `ahead` only where it is true."""
+        """Return the properties as a file has them: `ahead` and `layout` only where they differ."""
         properties = self._asdict()
         if not self.ahead:
             del properties["ahead"]
+        if self.is_of_rows:
+            del properties["layout"]
         return properties
 
     @staticmethod
     def of_described(described: Mapping[str, Any]) -> Choice:
         """Return the properties of `described`."""
-        pooled, relative, scale = (described[name] for name in Choice._fields[:-1])
-        return Choice(pooled, relative, scale, described.get("ahead", False))
+        pooled, relative, scale = (described[name] for name in Choice._fields[:3])
+        layout = tuple(described.get("layout", ROWS))
+        return Choice(pooled, relative, scale, described.get("ahead", False), layout)
 
 
 CHOICES: dict[str, Choice | None] = {
@@ -155,10 +185,11 @@ class View:
     @property
     def width(self) -> int:
         """Number of inputs of the perceptron."""
-        of_ego = ROW - 1 + self.times
+        of_ego = ego_width(self.choice) + self.times
         if self.choice.pooled:
             return of_ego + 2 * ENCODER[-1]
-        return of_ego + (self.n_features // ROW - 1) * row_width(self.choice)
+        ego, user = self.choice.layout
+        return of_ego + (self.n_features - ego) // user * row_width(self.choice)
 
     def __call__(self, observation: Shaped[Any, "*batch feature"]) -> Shaped[Any, "*batch width"]:
         """Encode observations along the last axis; the time comes first."""
@@ -172,9 +203,7 @@ class View:
     def _vehicles(self, observation: Any) -> Any:
         """Return the features of the ego and of the vehicles around it."""
         xp = observation.__array_namespace__()
-        rows = observation.reshape(*observation.shape[:-1], -1, ROW)
-        ego = rows[..., 0, :]
-        vehicles = rows[..., 1:, :]
+        ego, vehicles = self.split(observation)
         of_ego = self.absolute(ego)
         columns = self.of_others(ego, vehicles)
         if not self.choice.pooled:
@@ -184,8 +213,16 @@ class View:
         columns = columns * vehicles[..., :1]  # rows without a vehicle have weight 0
         return xp.concatenate([of_ego, columns.sum(axis=-2), columns.max(axis=-2)], axis=-1)
 
+    def split(self, observation: Any) -> tuple[Any, Any]:
+        """Return the numbers of the ego, and the rows of further road users on one more axis."""
+        ego, user = self.choice.layout
+        rows = observation[..., ego:].reshape(*observation.shape[:-1], -1, user)
+        return observation[..., :ego], rows
+
     def absolute(self, row: Any) -> Any:
-        """Return a row without its presence, scaled."""
+        """Return a row without its presence, scaled; numbers of another layout as they are."""
+        if not self.choice.is_of_rows:
+            return row
         xp = row.__array_namespace__()
         return xp.concatenate([row[..., 1:5] * self.choice.scale, row[..., 5:]], axis=-1)
 
@@ -199,6 +236,8 @@ class View:
         Returns:
             The features, (..., vehicle, `row_width`); all 0 for a row without a vehicle.
         """
+        if not self.choice.is_of_rows:
+            return vehicles
         if isinstance(vehicles, np.ndarray):
             return self._of_others_in_numpy(ego, vehicles)
         xp = ego.__array_namespace__()
@@ -268,16 +307,14 @@ class PresentRows:
         """Encode observations; the time comes first."""
         times = self.view.times
         listed = observation[:, :-1] if times else observation
-        rows = listed.reshape(len(observation), -1, ROW)
-        ego = rows[:, 0]
-        vehicles = rows[:, 1:]
+        ego, vehicles = self.view.split(listed)
         present = vehicles[..., 0] > 0
         counts = present.sum(axis=1)
         egos = np.repeat(ego, counts, axis=0)
         columns = self.view.of_others(egos, vehicles[present][:, None])[:, 0]
         for weight, bias in zip(self.view.weights, self.view.biases, strict=True):
             columns = np.maximum(columns @ weight.T + bias, 0.0)
-        pooled = np.zeros((2, len(rows), columns.shape[1]), np.float32)
+        pooled = np.zeros((2, len(observation), columns.shape[1]), np.float32)
         columns *= vehicles[present][:, :1]  # the class of who is there
         if len(columns):
             occupied = counts > 0
@@ -324,8 +361,15 @@ def _turned(vector: Any, along: Any) -> list[Any]:
     return [x * cos + y * sin, y * cos - x * sin]
 
 
+def ego_width(choice: Choice) -> int:
+    """Return the number of features of the ego."""
+    return ROW - 1 if choice.is_of_rows else choice.layout[0]
+
+
 def row_width(choice: Choice) -> int:
-    """Return the number of features of another vehicle."""
+    """Return the number of features of another road user."""
+    if not choice.is_of_rows:
+        return choice.layout[1]
     return ROW + (6 if choice.relative else 0) + (2 * len(SECONDS) if choice.ahead else 0)
 
 

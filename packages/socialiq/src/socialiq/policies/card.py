@@ -168,7 +168,8 @@ def _view(network: QPolicy | ActorPolicy) -> str:
     if isinstance(network.view, OneHot):
         return "one place for each value of each feature"
     how = "as a set" if network.view.choice.pooled else "side by side"
-    return f"vehicles seen from the ego, {how}"
+    users = "vehicles" if network.view.choice.is_of_rows else "road users along the ego's route"
+    return f"{users} seen from the ego, {how}"
 
 
 def _networks(policy: Exported) -> tuple[Any, ...]:

@@ -219,7 +219,7 @@ def finished(driver: Driver, loaded: Loaded, world: World | None) -> Loaded:
 
 
 def of_classes(world: Any, class_angle: float | None = None) -> dict[str, Any]:
-    """Return how `load_policy` reads policies for a world with classes of road users.
+    """Return how `load_policy` reads policies for a world's schema and classes of road users.
 
     Args:
         world: The world, or its options.
@@ -229,7 +229,8 @@ def of_classes(world: Any, class_angle: float | None = None) -> dict[str, Any]:
     narrow = getattr(world, "narrow", ())
     if class_angle is None:
         class_angle = getattr(classes, "class_angle", None)
-    return {"narrow": narrow, "class_angle": class_angle}
+    schema = getattr(world, "schema", "")
+    return {"narrow": narrow, "class_angle": class_angle, "schema": schema}
 
 
 def rule_of(name: str, world: World, seed: int = 0) -> Loaded:

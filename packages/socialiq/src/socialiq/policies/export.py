@@ -309,18 +309,12 @@ class _Graph:
 
     def _view(self, view: View) -> str:
         """Add the rows of the ego and other vehicles: encoded, summed and maximised, or listed."""
-        scale = view.choice.scale
-        ego = self.gather(list(range(1, ROW)), "own.read")
-        ego = self.scaled(ego, [scale] * 4 + [1.0] * 2, "own")
-        # The reference for the relative view: headings are rotated, but not shifted.
-        for label, places in _TURNS.items() if view.choice.relative else ():
-            read = self.gather(list(places), f"ego.{label}.read")
-            self.scaled(read, [1.0] * 4 + [0.0] * 2, f"ego.{label}")
-            cos = label == "along"
-            heading = self.gather([5 if cos else 6] * 6, f"ego.{label}.heading.read")
-            signs = [1.0, 1.0 if cos else -1.0] * 3
-            self.scaled(heading, signs, f"ego.{label}.heading")
-        numbers = range(1, view.n_features // ROW)
+        of_ego, of_user = view.choice.layout
+        if view.choice.is_of_rows:
+            ego = self._ego_row(view)
+        else:
+            ego = self.gather(list(range(of_ego)), "own.read")
+        numbers = range(1, 1 + (view.n_features - of_ego) // of_user)
         rows = [self._vehicle(view, number) for number in numbers]
         first = [ego]
         if view.times:  # the last feature, one place for each value
@@ -334,14 +328,32 @@ class _Graph:
             most = self.add("Max", [most, row], f"most_{number}")
         return self.add("Concat", [*first, total, most], "view", axis=1)
 
+    def _ego_row(self, view: View) -> str:
+        """Add the ego's row, and what rows of vehicles are relative to."""
+        scale = view.choice.scale
+        ego = self.gather(list(range(1, ROW)), "own.read")
+        ego = self.scaled(ego, [scale] * 4 + [1.0] * 2, "own")
+        # The reference for the relative view: headings are rotated, but not shifted.
+        for label, places in _TURNS.items() if view.choice.relative else ():
+            read = self.gather(list(places), f"ego.{label}.read")
+            self.scaled(read, [1.0] * 4 + [0.0] * 2, f"ego.{label}")
+            cos = label == "along"
+            heading = self.gather([5 if cos else 6] * 6, f"ego.{label}.heading.read")
+            signs = [1.0, 1.0 if cos else -1.0] * 3
+            self.scaled(heading, signs, f"ego.{label}.heading")
+        return ego
+
     def _vehicle(self, view: View, number: int) -> str:
         """Add another vehicle as the view lists or encodes it; all zeros where there is none."""
         name = f"vehicle_{number}"
-        first = number * ROW
+        of_ego, of_user = view.choice.layout
+        first = of_ego + (number - 1) * of_user
         scale = view.choice.scale
-        row = self.gather(list(range(first, first + ROW)), f"{name}.read")
-        columns = [self.scaled(row, [1.0] + [scale] * 4 + [1.0] * 2, f"{name}.absolute")]
-        if view.choice.relative:
+        row = self.gather(list(range(first, first + of_user)), f"{name}.read")
+        columns = [row]
+        if view.choice.is_of_rows:
+            columns = [self.scaled(row, [1.0] + [scale] * 4 + [1.0] * 2, f"{name}.absolute")]
+        if view.choice.is_of_rows and view.choice.relative:
             turned = self._turned(name, first)
             columns.append(self.scaled(turned, [scale] * 4 + [1.0] * 2, f"{name}.relative"))
             if view.choice.ahead:

@@ -15,36 +15,38 @@ from socialiq.isolation import NOT_NEEDED, Isolation
 from socialiq.nn.q_policy import checked_batch
 from socialiq.reading import read_bytes
 from socialiq.storage import shipped
-from socialiq.types import Memoryless, Policy
+from socialiq.types import ROWS, Memoryless, Policy
 
 
 class Interface(NamedTuple):
-    """Sizes of a policy's observations and actions."""
+    """Sizes of a policy's observations and actions, and the schema of the observations."""
 
     n_features: int  # length of an observation
     n_actions: int  # number of actions; 0 if they are continuous
     action_size: int = 0  # length of a continuous action; 0 if they are discrete
+    schema: str = ""  # name and version, as `World.schema`; "" where a file doesn't name it
 
     @staticmethod
     def of(world: Any) -> Interface:
         """Return the interface of a world of actions that are `Discrete`, or a `Box` in [-1, 1]."""
         space = world.action_space
         if isinstance(space, spaces.Box):
-            return Interface(world.n_features, 0, int(space.shape[0]))
+            return Interface(world.n_features, 0, int(space.shape[0]), world.schema)
         assert isinstance(space, spaces.Discrete)
-        return Interface(world.n_features, int(space.n))
+        return Interface(world.n_features, int(space.n), schema=world.schema)
 
-    def as_json(self) -> dict[str, int]:
-        """Return the sizes by name: of the actions their number or their length, whichever is."""
+    def as_json(self) -> dict[str, Any]:
+        """Return the sizes by name, and the schema of observations other than rows."""
+        schema: dict[str, Any] = {"schema": self.schema} if self.schema not in ("", ROWS) else {}
         if self.action_size:
-            return {"n_features": self.n_features, "action_size": self.action_size}
-        return {"n_features": self.n_features, "n_actions": self.n_actions}
+            return {"n_features": self.n_features, "action_size": self.action_size} | schema
+        return {"n_features": self.n_features, "n_actions": self.n_actions} | schema
 
     @staticmethod
     def of_json(record: Mapping[str, Any]) -> Interface:
         """Return the interface of a record's JSON."""
         sizes = (record.get(name, 0) for name in ("n_actions", "action_size"))
-        return Interface(record["n_features"], *sizes)
+        return Interface(record["n_features"], *sizes, schema=record.get("schema", ""))
 
     @property
     def answer(self) -> str:
@@ -111,7 +113,16 @@ class Interface(NamedTuple):
         Raises:
             UserError: If the interfaces differ.
         """
-        if self == world:
+        named = self.schema and world.schema
+        if named and self.schema != world.schema:
+            mend = "leave observation=route out of the world"
+            if self.schema != ROWS:
+                mend = f"add observation={self.schema.rpartition('-')[0]} to the world"
+            raise UserError(
+                f"{source} takes observations of the schema {self.schema}, the world shows "
+                f"{world.schema}: {mend}"
+            )
+        if self[:3] == world[:3]:
             return
         if self.action_size or world.action_size:
             clock = " (a clock adds a feature)" if self.n_features == world.n_features + 1 else ""

@@ -33,7 +33,7 @@ from socialiq.policies.process import Limits, command_of, start_process
 from socialiq.policies.sb3_load import read_sb3
 from socialiq.reading import path_of, sha256_of
 from socialiq.storage import content_hash, kind_of, load_arrays
-from socialiq.types import Policy
+from socialiq.types import OBSERVATION, ROWS, Policy
 from socialiq.worlds.situation import ContextPolicy
 
 KINDS = ("FILE.safetensors", "FILE.zip", "FILE.onnx", "process:COMMAND LINE", "python:FILE.py:NAME")
@@ -56,6 +56,7 @@ def load_policy(
     clock: bool = False,
     narrow: Sequence[int] = (),
     class_angle: float | None = None,
+    schema: str = "",
 ) -> Loaded:
     """Load a policy from a file, a command or a Python module, for a world.
 
@@ -76,6 +77,7 @@ def load_policy(
         clock: Whether a file of this package may take the time as a further feature.
         narrow: Lengths of observations that such a file may take instead.
         class_angle: Class angle of a dial of two angles, in degrees.
+        schema: Schema of the world's observations, as `World.schema`; "" for any.
 
     Returns:
         The policy and its record, a context manager: a process runs until it is closed.
@@ -85,7 +87,7 @@ def load_policy(
     """
     if isinstance(spec, Loaded):  # its process is ended where it was loaded
         return replace(spec, close=lambda: None)
-    world = Interface(n_features, n_actions, action_size)
+    world = Interface(n_features, n_actions, action_size, schema)
     lengths = dict.fromkeys((n_features, *narrow))
     fitting = [length + time for length in lengths for time in range(1 + clock)]
     if isinstance(spec, Saved | Policy):
@@ -229,7 +231,8 @@ def _described(
     at_angle = policy.at(angle) if is_dial else None
     if world is not None:
         size = getattr(policy, "action_size", 0)
-        Interface(policy.n_features, policy.n_actions, size).check(source, world)
+        schema = getattr(policy, "provenance", {}).get(OBSERVATION, ROWS)
+        Interface(policy.n_features, policy.n_actions, size, schema).check(source, world)
     if is_dial:
         ends = {"angle": angle, "low": policy.low, "high": policy.high}
         return at_angle, _details(at_angle, header) | ends

@@ -8,7 +8,7 @@ import torch  # pyright: ignore[reportMissingImports]
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, ROW, SECONDS, Choice, OneHot, View
+from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, SECONDS, Choice, OneHot, View
 
 _ACTIVATIONS = {"relu": torch.nn.ReLU, "elu": torch.nn.ELU, "tanh": torch.nn.Tanh}
 
@@ -107,12 +107,12 @@ class ViewModule(torch.nn.Module):
         return torch.cat([time, self._vehicles(observation[:, :-1])], dim=-1)
 
     def _vehicles(self, observation: torch.Tensor) -> torch.Tensor:
-        rows = observation.reshape(len(observation), -1, ROW)
-        ego = rows[:, :1]
-        vehicles = rows[:, 1:]
+        of_ego, of_user = self.choice.layout
+        ego = observation[:, None, :of_ego]
+        vehicles = observation[:, of_ego:].reshape(len(observation), -1, of_user)
         present = vehicles[..., :1]
-        columns = [present, self._absolute(vehicles)]
-        if self.choice.relative:
+        columns = [present, self._absolute(vehicles)] if self.choice.is_of_rows else [vehicles]
+        if self.choice.is_of_rows and self.choice.relative:
             scale = self.choice.scale
             along = ego[..., 5:]
             position = _turned(vehicles[..., 1:3] - ego[..., 1:3], along)
@@ -121,13 +121,13 @@ class ViewModule(torch.nn.Module):
             if self.choice.ahead:
                 columns.append(_closeness(position, velocity))
         value = torch.cat(columns, dim=-1) * present
-        of_ego = self._absolute(ego)[:, 0]
+        own = (self._absolute(ego) if self.choice.is_of_rows else ego)[:, 0]
         if not self.choice.pooled:
-            return torch.cat([of_ego, value.flatten(1)], dim=-1)
+            return torch.cat([own, value.flatten(1)], dim=-1)
         for layer in self.layers:
             value = torch.relu(layer(value))
         value = value * present
-        return torch.cat([of_ego, value.sum(dim=1), value.amax(dim=1)], dim=-1)
+        return torch.cat([own, value.sum(dim=1), value.amax(dim=1)], dim=-1)
 
     def _absolute(self, rows: torch.Tensor) -> torch.Tensor:
         return torch.cat([rows[..., 1:5] * self.choice.scale, rows[..., 5:]], dim=-1)

@@ -145,6 +145,7 @@ NATURE = (
         _SENSORS,
         "a gridworld has no sensors: its policies observe the state itself",
     ),
+    (tuple(GRIDS), {"observation", "see_behind"}, "its policies observe the state of its cells"),
     (tuple(GRIDS), {"actions", "control"}, "its actions are moves between cells, not continuous"),
     (tuple(GRIDS), {"agents", "ends", "frame"}, "its other vehicles are rules, not agents"),
     (tuple(GRIDS), {"reward"}, "its r_social counts what the ego causes already"),

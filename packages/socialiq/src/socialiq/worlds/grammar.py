@@ -15,7 +15,7 @@ import re
 import tomllib
 import typing
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, get_args
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
@@ -42,11 +42,18 @@ from socialiq.worlds.catalogue import (
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.effects import EffectOptions, check_agents
 from socialiq.worlds.highway.kinds import kind_with, parts_of
-from socialiq.worlds.highway.options import AgentOptions, ControlOptions, RoadOptions
+from socialiq.worlds.highway.options import AgentOptions, ControlOptions, RoadOptions, Schema
 from socialiq.worlds.highway.people import PeopleOptions
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.shifts import OR, SHIFTS
-from socialiq.worlds.highway.world import SENSED, RoadWorld, SceneWorld, sensed_of, world_of
+from socialiq.worlds.highway.world import (
+    OF_FILES,
+    SENSED,
+    RoadWorld,
+    SceneWorld,
+    sensed_of,
+    world_of,
+)
 from socialiq.worlds.intersection.generated import ROAD, GeneratedOptions, scene_of_layout
 from socialiq.worlds.intersection.options import CrosswalkOptions, Options
 from socialiq.worlds.intersection.world import Intersection
@@ -197,10 +204,10 @@ def _resolved(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
             shifts.append(f"{key}={value}")
         elif kinds and on_road and key == "control" and "actions" not in fields:
             raise UserError(_unknown(name, key))
-        elif on_road and key in (WORDS if kinds else SENSED):
+        elif on_road and key in (WORDS if kinds else OF_FILES):
             options |= _word(key, value)
         elif is_file and key not in OF_CONSTRUCTOR:
-            if key in SENSED:
+            if key in OF_FILES:
                 files.refuse_file(name)
             raise UserError(_no_option_of_file(key))
         elif kinds is None or key in OF_CONSTRUCTOR:
@@ -235,6 +242,9 @@ def _word(key: str, value: Any) -> dict[str, Any]:
     if key == "control":
         one_of("control", value, tuple(_CONTROL))
         return {"actions": _CONTROL[value]}
+    if key == "observation":
+        one_of("observation", value, get_args(Schema))
+        return {} if value == "rows" else {"observation": value}
     return {key: value}
 
 
@@ -306,9 +316,10 @@ def _built(written: Written) -> World:
     if files.names_file(name):
         values = dict(options)
         sensed = sensed_of(values)
+        schema = values.pop("observation", "rows")
         if values:
             raise UserError(_no_option_of_file(next(iter(values))))
-        return files.load_world(name).shifted(**sensed)
+        return files.load_world(name).showing(schema).shifted(**sensed)
     if written.in_sumo or re.fullmatch(ENVIRONMENT_PATTERN, name):
         raise UserError(
             f"unknown world '{one_line(name, 80)}': choose one of {', '.join(NAMES)}; "

@@ -15,6 +15,7 @@ from socialiq.types import TERMINAL, Ending
 from socialiq.worlds import catalogue, pictures, registry
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.batch import RoadBatch
+from socialiq.worlds.highway.observation import HIGHEST
 from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.highway.people import PeopleOptions
 from socialiq.worlds.highway.scenes import Scene
@@ -136,9 +137,12 @@ def observations_of(world: RoadWorld, clock: bool) -> spaces.Box:
         world: The road.
         clock: Whether an observation ends with the time, in decisions.
     """
+    limit = HIGHEST if world.options.along_route else 1.0
     walks = world.options if isinstance(world.options, PeopleOptions) else None
-    most = FIRST_CODE + ROAD_USERS.index(walks.road_users[-1]) if walks else 1.0
-    low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, most))
+    if walks and not world.options.along_route:
+        limit = FIRST_CODE + ROAD_USERS.index(walks.road_users[-1])
+    least = -limit if world.options.along_route else -1.0
+    low, high = (np.full(world.n_features + clock, end, np.float32) for end in (least, limit))
     if clock:
         low[-1] = 0.0
         most_time = np.float32(world.options.decisions)
@@ -243,6 +247,10 @@ class RoadEnv(gymnasium.Env):
         reward = float(score(self._weights, decisions.rewards)[0])
         observation = _timed(decisions.observation, self.batch.time, self._clock)[0]
         return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info
+
+    def action_masks(self) -> np.ndarray:
+        """Return which actions do something now, bool (action,), as learners with masks ask."""
+        return self.batch.action_mask[0]
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""

@@ -16,7 +16,7 @@ from gymnasium import Space, spaces
 from jaxtyping import Bool, Float, Float32, Int8, Int64
 
 from socialiq.errors import UserError
-from socialiq.types import Memoryless, Policy, RewardPair
+from socialiq.types import ROWS, Memoryless, Policy, RewardPair
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.render import View
@@ -158,6 +158,11 @@ class World(abc.ABC):
         """Length of an observation."""
 
     @property
+    def schema(self) -> str:
+        """Name and version of the schema of observations, as saved policies carry it."""
+        return ROWS
+
+    @property
     @abc.abstractmethod
     def action_space(self) -> Space[Any]:
         """Space of one action: `Discrete`, or a `Box` of values in [-1, 1]."""
@@ -230,6 +235,19 @@ class World(abc.ABC):
         if not (text or front_end):
             return self
         raise UserError(f"{self.name} has no sensors that fail: leave out {text or front_end}")
+
+    def showing(self, schema: str) -> World:
+        """Return the same world with observations of a schema, `rows` or `route`.
+
+        Args:
+            schema: Name of the schema.
+
+        Raises:
+            UserError: If the world has no routes.
+        """
+        if schema == "rows":
+            return self
+        raise UserError(f"{self.name} has no routes: leave out observation={schema}")
 
     def other_traffic(self) -> dict[str, dict[str, Any]]:
         """Return the options of the same world with other traffic, by a name in words."""

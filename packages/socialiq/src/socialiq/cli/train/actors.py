@@ -16,6 +16,7 @@ from socialiq.learners.collect import VectorCollector
 from socialiq.learners.continuous import config, standardise
 from socialiq.learners.continuous.train import LEARNERS, check_fit, train
 from socialiq.nn.actor_policy import ActorDial
+from socialiq.types import ROWS
 from socialiq.worlds import grammar
 from socialiq.worlds.environment import action_size, environment_maker, sizes
 from socialiq.worlds.files import refuse_file
@@ -127,7 +128,9 @@ class Task:
         runs = command.grid.runs(numbers)
         kind = "dial" if getattr(static, "dial", False) else "policy"
         labels = getattr(command, "labels", None)  # SAC has no demonstrations
-        folder = shared.RunFolder(command.out, kind, command.options, labels)
+        schema = ROWS if data is None else data.schema
+        schema = self._steered.schema if self._steered is not None else schema
+        folder = shared.RunFolder(command.out, kind, command.options, labels, schema)
         change = self._standardisation(static, runs[0].seed)
         if change is not None and data is not None:
             data = change.transitions(data)

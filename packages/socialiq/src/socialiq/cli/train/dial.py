@@ -116,7 +116,7 @@ class Dial(shared.Training):
             sizes = (world.n_features, world.n_actions)
             simulator = world if static.online else None
         config.check_fit(static, runs, data, simulator, sizes, collector is not None)
-        folder = shared.RunFolder(self.out, "dial", self.options, self.labels)
+        folder = shared.RunFolder(self.out, "dial", self.options, self.labels, world.schema)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             options = {"chunk": ASCENT_EVERY if budget else chunk, "before_chunk": collector}
             trained = train(
@@ -281,7 +281,7 @@ class ImproveDial(shared.Training):
         settings = {} if self.updates is None else {"updates": self.updates}
         static, numbers, labeller, sizes, start = self._method(world, settings)
         runs = [replace(numbers, seed=seed) for seed in self.seed]
-        folder = shared.RunFolder(self.out, "dial", self.options)
+        folder = shared.RunFolder(self.out, "dial", self.options, schema=world.schema)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
             method = static, runs, [labeller] * len(runs), sizes
             trained = iteration.train(*method, callbacks, road_training.CHUNK, start)
@@ -372,7 +372,7 @@ class OfflineDial(shared.Training):
             with Display() as display:
                 stages = self.stages(number, static, numbers, data, display)
             file = f"dial_{number}.safetensors"
-            dial = stages["dial"].policy(0)
+            dial = shared.of_schema(stages["dial"].policy(0), data.schema)
             policies.append(dial)
             saved = shared.saved_in(folder, file, dial)
             sha256 = saved.pop("sha256")

@@ -203,7 +203,8 @@ def _trained(
         collector = acting_in(make, static, runs, shared.CHUNK)
     if "learner" not in functions:
         check_fit(static, runs, [data], simulator, collector is not None)
-    folder = shared.RunFolder(command.out, "policy", command.options, command.labels)
+    schema = data.schema
+    folder = shared.RunFolder(command.out, "policy", command.options, command.labels, schema)
     if simulator is not None:
         table = tabulate(simulator).reachable_part()
         monitor = exact_monitor(table, [numbers.temperature for numbers in runs])

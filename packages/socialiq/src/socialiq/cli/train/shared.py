@@ -23,13 +23,14 @@ from socialiq.learners.callbacks import TRACKERS, Callbacks, Report
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import Dial
+from socialiq.nn.saved import noted
 from socialiq.outputs import all_or_none, new_folder
 from socialiq.reading import sha256_of_file
 from socialiq.results_folder import as_csv, versions
 from socialiq.settings import assignments, laid_over
 from socialiq.storage import sha256_of, write_atomically, write_json
 from socialiq.to_json import rounded
-from socialiq.types import Row
+from socialiq.types import OBSERVATION, ROWS, Row
 
 CHUNK = 500
 """Updates between two rows of metrics.csv."""
@@ -227,6 +228,16 @@ class LabelOptions:
             complain(line)
 
 
+def of_schema(policy: Any, schema: str) -> Any:
+    """Return a policy whose provenance names the schema of its observations, if not rows.
+
+    Args:
+        policy: A policy or dial.
+        schema: Name and version, as `World.schema`.
+    """
+    return noted(policy, {} if schema == ROWS else {OBSERVATION: schema})
+
+
 @dataclass(frozen=True)
 class RunFolder:
     """Output folder of `train`, for policies of a kind: "policy" or "dial".
@@ -238,6 +249,7 @@ class RunFolder:
     kind: str
     options: RunOptions
     labels: LabelOptions | None = None  # of the demonstrations, if there are some
+    schema: str = ROWS  # of the observations of the policies
 
     @cached_property
     def trained(self) -> list[Any]:
@@ -318,6 +330,7 @@ class RunFolder:
             file = f"{self.kind}_{word}.safetensors"
             policy = trained.policy(run)
             policy = change(policy) if change else policy
+            policy = of_schema(policy, self.schema)
             self.trained.append(policy)
             saved.append(saved_in(self.out, file, policy))
             if observe is not None and isinstance(policy, Dial):

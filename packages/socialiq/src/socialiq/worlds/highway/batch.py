@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Integer
+from jaxtyping import Bool, Float32, Int64, Integer
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
@@ -20,6 +20,7 @@ from socialiq.worlds.highway.effects import (
     record_of,
 )
 from socialiq.worlds.highway.effects import SIGNALS as EFFECT_SIGNALS
+from socialiq.worlds.highway.observation import AlongRoute
 from socialiq.worlds.highway.options import (
     DECIDE,
     DECIDE_AND_RESET,
@@ -84,6 +85,7 @@ class RoadBatch(abc.ABC):
 
     n_actions: int  # of the road, discrete
     faster: int  # action that selects the next higher speed
+    idle: int  # action that changes nothing
 
     def __init__(
         self,
@@ -108,6 +110,8 @@ class RoadBatch(abc.ABC):
         if effects is not None:
             self._effects = record_of(effects, options)
             self.ledger = Ledger.of(self._effects, buffers.vehicles.shape[1], size)
+        # schema along the route, of a road whose options ask for it
+        self._along: AlongRoute | None = None
         self._waiting = np.ones(size, bool)  # for a reset
         self.begun = np.zeros(size, bool)  # rows whose random stream has begun
 
@@ -203,7 +207,7 @@ class RoadBatch(abc.ABC):
     @property
     def _resets_in_core(self) -> bool:
         """Whether nothing is to be read between the end of an episode and the next one."""
-        return self.ledger is None
+        return self.ledger is None and self._along is None
 
     @property
     def running(self) -> Bool[np.ndarray, " batch"]:
@@ -211,9 +215,20 @@ class RoadBatch(abc.ABC):
         return ~self._waiting
 
     @property
+    def shown(self) -> Float32[np.ndarray, "result value"]:
+        """Rows of road users that every agent is shown, one after another."""
+        return self.buffers.observation.reshape(len(self.buffers.ending), -1)
+
+    @property
     def observation(self) -> Float32[np.ndarray, "*batch feature"]:
         """Current observation of every agent, zeros after it has left."""
-        return self.buffers.observation.reshape(*self.shape, -1).copy()
+        if self._along is None:
+            return self.shown.reshape(*self.shape, -1).copy()
+        return self._along(self.shown, self._own()).reshape(*self.shape, -1)
+
+    def _own(self) -> np.ndarray:
+        """Return what every agent knows of itself, OWN records (result,)."""
+        raise NotImplementedError
 
     @property
     def driving(self) -> Bool[np.ndarray, "*batch"]:
@@ -232,9 +247,21 @@ class RoadBatch(abc.ABC):
         """The clock's feature of every agent, agents of one episode in turn."""
         return np.repeat(self.time, self.options.agents)
 
+    @property
+    def equivalent_actions(self) -> Int64[np.ndarray, "*batch action"]:
+        """For each action the first one that does the same in the present state."""
+        return np.broadcast_to(np.arange(self.n_actions), (*self.shape, self.n_actions)).copy()
+
+    @property
+    def action_mask(self) -> Bool[np.ndarray, "*batch action"]:
+        """Whether each action is `idle` or does something else, in the present state."""
+        same = self.equivalent_actions
+        return (same != same[..., self.idle, None]) | (np.arange(self.n_actions) == self.idle)
+
     def seen_by(self, policy: Any) -> Float32[np.ndarray, "*batch feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
-        flat = self.observation.reshape(len(self.buffers.ending), -1)
+        reads_rows = getattr(policy, "reads_rows", False)
+        flat = self.shown if reads_rows else self.observation.reshape(len(self.buffers.ending), -1)
         for rows in self.options.narrow_rows:
             known = rows * len(FEATURES)
             if getattr(policy, "n_features", None) in (known, known + 1):
@@ -298,8 +325,9 @@ class RoadBatch(abc.ABC):
 
     def _decisions(self) -> Decisions:
         buffers = self.buffers
+        reached = buffers.reached.reshape(*self.shape, -1).copy()
         return Decisions(
-            observation=buffers.reached.reshape(*self.shape, -1).copy(),
+            observation=reached if self._along is None else self.observation,
             rewards=RewardPair(*self._by_agent(buffers.rewards)),
             ending=buffers.ending.reshape(self.shape).copy(),
             signals=self._signals(),

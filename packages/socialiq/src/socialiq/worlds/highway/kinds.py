@@ -15,6 +15,7 @@ from typing import Any
 from socialiq.worlds.highway.options import (
     AgentOptions,
     ControlOptions,
+    ObservationOptions,
     RoadOptions,
     SideOptions,
     TrafficOptions,
@@ -27,6 +28,7 @@ PARTS: dict[type[Any], frozenset[str]] = {
     AgentOptions: frozenset({"agents"}),
     PeopleOptions: frozenset(user.rate for user in ROAD_USERS),
     SideOptions: frozenset({"left_hand"}),
+    ObservationOptions: frozenset({"observation", "see_behind"}),
     TrafficOptions: frozenset(field.name for field in dataclasses.fields(TrafficOptions)),
 }
 """Parts that the options of a road may have, with the options that ask for each."""

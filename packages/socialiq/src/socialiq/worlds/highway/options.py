@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
@@ -25,10 +25,13 @@ Disruption = Literal["dead_zone", "literal"]
 Crash = Literal["override", "add"]
 Ends = Literal["each", "joint"]
 Frame = Literal["own", "world"]
+Schema = Literal["rows", "route"]
 ContinuousActions = Literal["continuous", "continuous_steering"]
 
 MOST_SPEEDS = 8
 MOST_AGENTS = 16
+ROWS = 16
+"""Rows of vehicles that the schema `route` reads at least."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +62,29 @@ class EgoOptions:
     observed_vehicles: int = 10  # rows of the observation, the ego's included
 
     @property
-    def observed_rows(self) -> int:
-        """Rows of the observation, of vehicles and of others."""
+    def vehicle_rows(self) -> int:
+        """Rows of vehicles that are shown, the ego's included."""
         return self.observed_vehicles
+
+    @property
+    def shows_behind(self) -> bool:
+        """Whether vehicles more than 10 m behind the ego are shown."""
+        return False
+
+    @property
+    def along_route(self) -> bool:
+        """Whether the observation has the schema `route`: not without `ObservationOptions`."""
+        return False
+
+    @property
+    def observed_rows(self) -> int:
+        """Rows that are shown, of vehicles and of others."""
+        return self.vehicle_rows
 
     @property
     def narrow_rows(self) -> tuple[int, ...]:
         """Rows that a policy may observe alone, which doesn't know the classes behind these."""
-        return (self.observed_vehicles,)
+        return (self.vehicle_rows,)
 
     @property
     def max_speed(self) -> float:
@@ -230,6 +248,38 @@ class SideOptions:
 
 
 @dataclass(frozen=True)
+class ObservationOptions:
+    """What the ego observes, one of the first bases of a road's options."""
+
+    # schema of the observation: highway-env's rows, or the vector along the ego's route that is the
+    # same for every road (`highway.observation`)
+    observation: Schema = "rows"
+    # whether vehicles more than 10 m behind the ego are shown, as with highway-env's option of this
+    # name; along the route they always are
+    see_behind: bool = False
+
+    if TYPE_CHECKING:  # of the road's options
+
+        @property
+        def observed_vehicles(self) -> int: ...  # noqa: D102
+
+    @property
+    def along_route(self) -> bool:
+        """Whether the observation has the schema `route`."""
+        return self.observation == "route"
+
+    @property
+    def shows_behind(self) -> bool:
+        """Whether vehicles more than 10 m behind the ego are shown."""
+        return self.see_behind or self.along_route
+
+    @property
+    def vehicle_rows(self) -> int:
+        """Rows of vehicles that are shown, the ego's included."""
+        return max(self.observed_vehicles, ROWS) if self.along_route else self.observed_vehicles
+
+
+@dataclass(frozen=True)
 class ControlOptions:
     """highway-env's continuous actions, one of the first bases of a road's options.
 
@@ -294,7 +344,8 @@ SETTINGS = np.dtype(
         ("agents", np.int64),
         ("each", np.bool_),  # whether agents end one by one, and leave
         ("own_frame", np.bool_),  # whether an agent's view and destination are of its approach
-        ("observed_vehicles", np.int64),  # rows of an observation
+        ("vehicle_rows", np.int64),  # rows of vehicles that are shown
+        ("shows_behind", np.bool_),  # whether vehicles more than 10 m behind are shown
         ("classes", CLASS, (MOST_CLASSES,)),  # of people
     ],
     align=True,

@@ -63,11 +63,13 @@ class PeopleOptions(_ClassOptions):
     """
 
     if TYPE_CHECKING:  # of the road's options
-        observed_vehicles: int
         duration: float
 
         @property
         def places(self) -> int: ...  # noqa: D102
+
+        @property
+        def vehicle_rows(self) -> int: ...  # noqa: D102
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -98,7 +100,7 @@ class PeopleOptions(_ClassOptions):
     @property
     def narrow_rows(self) -> tuple[int, ...]:
         """Rows of vehicles and of the first classes; at last those of vehicles alone."""
-        rows = [self.observed_vehicles]
+        rows = [self.vehicle_rows]
         for user in self.road_users:
             rows.append(rows[-1] + getattr(self, user.arrivals["rows"][0]))
         return tuple(rows[: max(2, len(rows) - 1)][::-1])
@@ -107,7 +109,7 @@ class PeopleOptions(_ClassOptions):
     def observed_rows(self) -> int:
         """Rows of the observation: vehicles, then people of each class."""
         people = sum(getattr(self, user.arrivals["rows"][0]) for user in self.road_users)
-        return self.observed_vehicles + people
+        return self.vehicle_rows + people
 
     def arrivals(self, user: RoadUser) -> int:
         """Return the number of people of a class that can arrive.
@@ -154,7 +156,7 @@ class PeopleOptions(_ClassOptions):
 
     def unseen(self, rows: int) -> tuple[str, ...]:
         """Return the plurals of the classes that a policy of so many rows does not see."""
-        first = self.observed_vehicles
+        first = self.vehicle_rows
         unseen = list[str]()
         for user in self.road_users:
             if rows <= first:

@@ -65,6 +65,8 @@ class RulePolicy(Memoryless):
     numbers, or vectors in [-1, 1].
     """
 
+    reads_rows = True  # whatever the world's schema of observations is
+
     def __init__(self, rule: Rule, sight: np.ndarray) -> None:
         self._rule = rule
         self._sight = sight

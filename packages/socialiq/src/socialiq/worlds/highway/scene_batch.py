@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import RewardPair
 from socialiq.worlds.highway import people
 from socialiq.worlds.highway.batch import RoadBatch, State
 from socialiq.worlds.highway.effects import EffectOptions
+from socialiq.worlds.highway.ego import EgoModel
+from socialiq.worlds.highway.observation import OWN, AlongRoute, route_of
 from socialiq.worlds.highway.options import (
     ACCELERATION_RANGE,
     SIGNALS,
@@ -24,10 +27,36 @@ from socialiq.worlds.highway.options import (
     settings_of,
 )
 from socialiq.worlds.highway.people import PeopleOptions
-from socialiq.worlds.highway.scenes import Scene
+from socialiq.worlds.highway.scenes import SIDES, Scene
 from socialiq.worlds.world import Decisions
 
 BackEnd = Literal["core", "highway_env"]
+
+
+@functools.cache
+def along_route_of(scene: Scene, options: RoadOptions) -> AlongRoute:
+    """Return the schema along the route of a scene's agents."""
+    model = EgoModel.of(options, scene.road.sight, scene.actions, scene.road.speed_limit)
+    return AlongRoute(model, options.max_speed, scene.road)
+
+
+def own_of(schema: AlongRoute, agents: np.ndarray, scene: Scene, walks: bool) -> np.ndarray:
+    """Return what agents know of themselves by their records, OWN records.
+
+    Args:
+        schema: Schema along the route, whose routes are made where they are new.
+        agents: Records of the agents' vehicles, (agent,).
+        scene: The scene.
+        walks: Whether people cross.
+    """
+    own = np.zeros(len(agents), OWN)
+    table = scene.road.routes.shape[1], len(scene.road.lanes)
+    keys = (agents["route"] + 1) * table[0] + agents["destination"] + 1
+    keys = keys * table[1] + agents["target_lane"]
+    own["way"] = schema.numbers(keys, lambda at: route_of(agents[at], scene.road, walks))
+    own["target_speed"] = agents["target_speed"]
+    own["cos"] = 1.0
+    return own
 
 
 def commands(actions: Float[np.ndarray, "row value"]) -> list[Float[np.ndarray, " row"]]:
@@ -78,7 +107,9 @@ class Batch(RoadBatch):
         self.scene = scene
         self.n_actions = len(scene.actions)
         self.faster = scene.actions.index("faster")
+        self.idle = scene.actions.index("idle")
         self.walks = options if isinstance(options, PeopleOptions) else None
+        self._along = along_route_of(scene, options) if options.along_route else None
         self._by_class = by_class
         self.real: Any = None
         if back_end == "highway_env":
@@ -104,6 +135,40 @@ class Batch(RoadBatch):
             self._hold(actions, command != SKIP)
             actions = np.zeros(len(actions), np.int64)
         super()._run(command, seeds, seeded, actions)
+
+    def _own(self) -> np.ndarray:
+        assert self._along is not None
+        buffers = self.buffers
+        rows = np.arange(self.size)[:, None]
+        controlled = buffers.episodes["controlled"][:, : self.options.agents]
+        left = buffers.after[rows, buffers.present[:, 1:]]  # as it was when it left
+        agents = np.where(controlled >= 0, buffers.vehicles[rows, controlled], left)
+        own = own_of(self._along, agents.reshape(-1), self.scene, self.walks is not None)
+        own["seconds_left"] = self.options.duration - self.clocks / self.options.policy_frequency
+        if self._settings["own_frame"][0]:
+            own["cos"], own["sin"] = self.road.frames[agents["origin"].ravel()].T
+        available = self.action_mask.reshape(len(own), -1)
+        own["left"], own["right"] = (
+            available[:, self.scene.actions.index(action)] for action in SIDES
+        )
+        return own
+
+    @property
+    def equivalent_actions(self) -> Int64[np.ndarray, "*batch action"]:
+        """For each action the first one that selects the same target speed and lane."""
+        if self.options.continuous:
+            return super().equivalent_actions
+        from socialiq.worlds.highway.core import step  # import Numba only when it is needed
+
+        slots = self.buffers.episodes["controlled"][:, : self.options.agents]
+        speeds = np.zeros((*slots.shape, self.n_actions))
+        lanes = np.zeros(speeds.shape, np.int64)
+        arguments = self._settings, self.scene.road, speeds, lanes
+        step.choices(self.buffers.vehicles, slots, *arguments, 0, self.size)
+        same = (speeds[..., None] == speeds[..., None, :]) & (
+            lanes[..., None] == lanes[..., None, :]
+        )
+        return same.argmax(axis=-1).reshape(*self.shape, -1)
 
     def _hold(self, actions: Float[np.ndarray, "row value"], deciding: np.ndarray) -> None:
         """Write continuous actions into the records of the agents that drive."""

@@ -27,6 +27,10 @@ ACTIONS = ("lane_left", "idle", "lane_right", "faster", "slower")
 
 LANE_LEFT, IDLE, LANE_RIGHT, FASTER, SLOWER = range(len(ACTIONS))
 
+SIDES = "lane_left", "lane_right"
+ROUTE_ACTIONS = ("slower", "idle", "faster", *SIDES)
+"""Actions on every road with the schema `route`."""
+
 SIDEWAYS = np.array([(0, -1), (0, 0), (0, 1), (1, 0), (-1, 0)])
 """Change of the target speed's and of the target lane's number by each of `ACTIONS`."""
 
@@ -196,6 +200,32 @@ def other_side(scene: Scene) -> Scene:
     return scene._replace(road=road, left_hand=not scene.left_hand, real="", back_end="")
 
 
+@functools.cache
+def along_route(scene: Scene) -> Scene:
+    """Return a scene as the schema `route` has it: absolute rows, and `ROUTE_ACTIONS`.
+
+    Scales of a scene of highway-env become large enough for its whole road and all speeds.
+
+    Args:
+        scene: Scene whose rows of others may be relative to the ego. Actions that it lacks change
+            lanes, which have no effect there.
+    """
+    lanes = scene.road.lanes
+    seen = scene.road.sight.copy()
+    if not len(scene.road.arrivals):
+        seen["relative"] = False
+        for axis in "xy":
+            ends = lanes[f"low_{axis}"], lanes[f"high_{axis}"]
+            seen[axis] = 100.0 * math.ceil((np.abs(ends).max() + _BEYOND) / 100.0)
+            seen[f"v{axis}"] = _FASTEST
+    left = 1 if scene.left_hand else -1
+    changes = {"lane_left": (0, left), "lane_right": (0, -left)}
+    changes |= dict(zip(scene.actions, scene.road.actions.tolist(), strict=True))
+    actions = np.array([changes[name] for name in ROUTE_ACTIONS])
+    road = scene.road._replace(sight=seen, actions=actions)
+    return scene._replace(road=road, actions=ROUTE_ACTIONS, real="", back_end="")
+
+
 def entry(lane: int, along: float, speed: float, **further: Any) -> np.ndarray:
     """Return an ENTRY record.
 
@@ -237,6 +267,8 @@ def sight(
     return np.array([(relative, x, y, vx, vy, arrival, by_route, 1.0, 1.0)], SIGHT)
 
 
+_BEYOND = 200.0  # m behind the end of a road to which a vehicle may drive
+_FASTEST = 50.0  # m/s, more than any vehicle drives
 MERGE_LENGTHS = 150.0, 80.0, 80.0, 150.0  # before, converging, merging, after, m
 _RAMP = 6.5 + 4 + 4  # m, y of the beginning of the ramp
 _RAMP_SWING = 3.25  # m, half of its way sideways

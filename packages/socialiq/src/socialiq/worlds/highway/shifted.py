@@ -58,9 +58,9 @@ class ShiftedBatch(RoadBatch):
         return (self._late > 0).reshape(self.shape)
 
     @property
-    def observation(self) -> Float32[np.ndarray, "*batch feature"]:
-        """Current observations, as they are shown."""
-        return self._shown.reshape(*self.shape, -1).copy()
+    def shown(self) -> Float32[np.ndarray, "result value"]:
+        """Rows of road users that every agent is shown, with faults."""
+        return self._shown
 
     @property
     def time(self) -> Float32[np.ndarray, " batch"]:
@@ -131,8 +131,8 @@ class ShiftedBatch(RoadBatch):
         return False
 
     def _decisions(self) -> Decisions:
-        decisions = super()._decisions()
         self._show(self._deciding, self._decided)
+        decisions = super()._decisions()
         return decisions._replace(observation=self.observation)
 
     def _show(self, rows: np.ndarray, decided: np.ndarray | None = None) -> None:

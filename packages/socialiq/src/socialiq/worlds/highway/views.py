@@ -132,14 +132,27 @@ class Lanes:
         shapes.route(axes, line, float(ego["x"]), float(ego["y"]))
 
     def _to_arrival(self, numbers: list[int]) -> list[Line]:
-        """Return the lanes of a way up to the place of arrival, on the first exit."""
-        lanes = self._road.lanes
+        """Return the lanes of a way up to the place of arrival."""
         ways = [self._ways[number] for number in numbers]
-        for rank, number in enumerate(numbers):
-            if lanes[number]["kind"] == EXIT:
-                arrival = float(self._road.sight[0]["arrival"])
-                return [*ways[:rank], shapes.way(lanes[number], end=arrival)]
-        return ways
+        last = arrival_lane(numbers, self._road)
+        if last is None:
+            return ways
+        arrival = float(self._road.sight[0]["arrival"])
+        return [*ways[:last], shapes.way(self._road.lanes[numbers[last]], end=arrival)]
+
+
+def arrival_lane(numbers: list[int], road: tables.Road) -> int | None:
+    """Return the place in a way of the lane on which an ego arrives; None: it never does.
+
+    It is the first exit that is long enough, as `core.drivers.arrived` counts.
+
+    Args:
+        numbers: Lanes of the way, by number.
+        road: Tables of the scene.
+    """
+    lanes = road.lanes[numbers]
+    arrives = (lanes["kind"] == EXIT) & (lanes["length"] > road.sight[0]["arrival"])
+    return int(arrives.argmax()) if arrives.any() else None
 
 
 def way_of(ego: np.void, road: tables.Road) -> list[int]:
@@ -156,16 +169,19 @@ def way_of(ego: np.void, road: tables.Road) -> list[int]:
     """
     lanes = road.lanes
     target = int(ego["target_lane"])
-    begun = ego["route"] >= 0 and len(road.arrivals)
-    first = road.routes[ego["route"], ego["destination"], 0] if begun else road.entries[0]["lane"]
+    planned = ego["route"] >= 0
+    first = road.routes[ego["route"], ego["destination"], 0] if planned else road.entries[0]["lane"]
     way = [int(first)]
     firsts = [int(lanes[way[0]]["first"])]
-    if ego["route"] >= 0:
+    if planned:
         route = road.routes[ego["route"], ego["destination"]].tolist()
-        firsts += [first for first in route[route.index(firsts[0]) + 1 :] if first >= 0]
+        firsts += [first for first in route[1:] if first >= 0]
+        firsts += _followed(firsts[-1], road)[1:]  # behind the destination
     else:
-        while (first := int(road.successors[lanes[firsts[-1]]["road"], 0])) not in (-1, *firsts):
-            firsts.append(first)
+        firsts = _followed(firsts[0], road)
+        if lanes[target]["first"] not in firsts:  # it entered elsewhere
+            firsts = _followed(int(lanes[target]["first"]), road)
+            way = [target]
     if firsts[0] == lanes[target]["first"]:
         way = [target]
     for first in firsts[1:]:
@@ -180,3 +196,14 @@ def way_of(ego: np.void, road: tables.Road) -> list[int]:
             apart = [float(np.hypot(*(shapes.way(lanes[n])[0] - end))) for n in beside]
             way.append(int(beside[int(np.argmin(apart))]))
     return way
+
+
+def _followed(first: int, road: tables.Road) -> list[int]:
+    """Return the first lanes of a road and of each first successor, until one would come back."""
+    lanes = road.lanes
+    firsts = [first]
+    while (first := int(road.successors[lanes[first]["road"], 0])) not in (-1, *firsts):
+        if lanes[first]["end"] == lanes[firsts[-1]]["start"]:  # the way back
+            break
+        firsts.append(first)
+    return firsts

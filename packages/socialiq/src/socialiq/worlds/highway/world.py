@@ -13,7 +13,7 @@ from gymnasium import spaces
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Policy
-from socialiq.worlds.highway import rules
+from socialiq.worlds.highway import observation, rules
 from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.effects import CAUSED, EffectOptions
 from socialiq.worlds.highway.ego import EgoModel
@@ -27,7 +27,7 @@ from socialiq.worlds.highway.options import (
 from socialiq.worlds.highway.people import CROSSWALK, PeopleOptions, check_ways
 from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.highway.scene_batch import BackEnd, Batch
-from socialiq.worlds.highway.scenes import Scene, other_side, scene_of
+from socialiq.worlds.highway.scenes import Scene, along_route, other_side, scene_of
 from socialiq.worlds.highway.shifted import Faults, over
 from socialiq.worlds.highway.shifts import FAULTS, OPTIONS, OR, Shift, shifts_of
 from socialiq.worlds.world import World
@@ -60,11 +60,20 @@ class RoadWorld(World):
     @property
     def n_features(self) -> int:
         """Length of an observation."""
+        if self.options.along_route:
+            return observation.N_FEATURES
         return self.options.observed_rows * len(FEATURES)
+
+    @property
+    def schema(self) -> str:
+        """Name and version of the schema of observations, as saved policies carry it."""
+        return observation.ROUTE if self.options.along_route else super().schema
 
     @property
     def narrow(self) -> tuple[int, ...]:
         """Lengths of observations without some classes, which policies may take too."""
+        if self.options.along_route:
+            return ()
         return tuple(rows * len(FEATURES) for rows in self.options.narrow_rows)
 
     @property
@@ -179,6 +188,8 @@ class SceneWorld(RoadWorld):
     def __post_init__(self) -> None:
         if self.options.left_hand != self.scene.left_hand:
             object.__setattr__(self, "scene", other_side(self.scene))
+        if self.options.along_route:
+            object.__setattr__(self, "scene", along_route(self.scene))
         if self.options.width == 1 and self.scene.bends and not self._is_straight:
             raise UserError(
                 f"the ego of {self.scene.name} can't follow a way with bends by acceleration "
@@ -292,6 +303,10 @@ class SceneWorld(RoadWorld):
 
 SENSED = {"shift": "text", "front_end": "front_end"}
 """Options of every road beside the fields of its own: arguments of `RoadWorld.shifted`."""
+
+
+OF_FILES = (*SENSED, "observation")
+"""Options of a road that a file holds."""
 
 
 def sensed_of(options: dict[str, Any]) -> dict[str, str]:

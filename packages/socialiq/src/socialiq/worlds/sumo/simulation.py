@@ -343,6 +343,6 @@ class Episode:
         visible = [body for body in self.bodies if class_of(body.name) != "pedestrian"]
         ego = visible[0]
         along = [body.x * ego.along_x + body.y * ego.along_y for body in visible]
-        view = along, 0.0, SIGHT.view(np.recarray)[0], (1.0, 0.0), len(rows)
+        view = along, 0.0, SIGHT.view(np.recarray)[0], (1.0, 0.0), (len(rows), False)
         observe(visible, len(visible), 0, view, rows)
         return rows.ravel()

@@ -28,7 +28,7 @@ NOTICE = "compiling the roads for this machine, once"
 _CALLED: set[Any] = set()  # entry points that are compiled
 _MOMENT = 2.0  # s; the cache loads in less
 # Beside a folder of kernels, which read these.
-_TABLES = ("effects", "network", "options", "scenes", "crossings", "idm")
+_TABLES = ("effects", "network", "observation", "options", "scenes", "crossings", "idm")
 
 
 def kernel(function: Callable[..., Any], allocates: bool = False) -> Any:

@@ -419,7 +419,7 @@ def observe(people, agent, sight, turn, settings, observation):
         settings: SETTINGS record.
         observation: Rows of the observation, which are written.
     """
-    first = settings.observed_vehicles
+    first = settings.vehicle_rows
     numbers = np.empty(len(people), np.int64)
     distances = np.empty(len(people))
     begin = 0

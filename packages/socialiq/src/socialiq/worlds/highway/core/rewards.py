@@ -262,19 +262,21 @@ def insert(numbers, distances, count, number, distance, tie):
 def observe(vehicles, count, ego, view, observation):
     """Write the ego's row, then those of further vehicles by distance along the ego's lane.
 
-    Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
-    on the ego's lane, so rounding often decides their order; with `tie`, m, the list's order
-    decides.
+    Vehicles more than 10 m behind are observed only where options say so. Vehicles on a crossing
+    lane share a coordinate on the ego's lane, so rounding often decides their order; with `tie`, m,
+    the list's order decides.
 
     Args:
         vehicles: Records of vehicles.
         count: Number of vehicles.
         ego: Slot of the ego.
         view: Coordinates along the ego's lane by slot, m; the `tie`; the SIGHT record; the cosine
-            and sine of the frame's turn, from east to north; the number of rows of vehicles.
+            and sine of the frame's turn, from east to north; the number of rows of vehicles, and
+            whether vehicles behind are observed.
         observation: Rows of the observation, which are written.
     """
-    along, tie, sight, turn, rows = view
+    along, tie, sight, turn, shown = view
+    rows, shows_behind = shown
     observation[:] = 0.0
     me = vehicles[ego]
     write_row(me, 0.0, 0.0, 0.0, 0.0, sight, turn, observation[0])
@@ -288,7 +290,7 @@ def observe(vehicles, count, ego, view, observation):
         if not distance(vehicle.x, vehicle.y, me.x, me.y) < _PERCEPTION:
             continue
         ahead = along[slot] - along[ego]
-        if not ahead > -2 * VEHICLE_LENGTH:
+        if not (shows_behind or ahead > -2 * VEHICLE_LENGTH):
             continue
         insert(slots, distances, visible, slot, abs(ahead), tie)
         visible += 1

@@ -8,7 +8,13 @@ import numpy as np
 from socialiq.types import Ending
 from socialiq.worlds.highway.core import drivers, rewards, stream, traffic
 from socialiq.worlds.highway.core import people as people_kernels
-from socialiq.worlds.highway.core.compile import allocating_kernel, entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.compile import (
+    allocating_entry_point,
+    allocating_kernel,
+    entry_point,
+    fingerprint,
+    kernel,
+)
 from socialiq.worlds.highway.core.effects import carry_out as carry_out_effects
 from socialiq.worlds.highway.core.geometry import distance, longitudinal, on_lane
 from socialiq.worlds.highway.options import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Contact
@@ -38,7 +44,8 @@ def _observe(vehicles, count, slot_of_agent, people, road, settings, observation
     for slot in range(records):
         along[slot] = longitudinal(lane, vehicles[slot].x, vehicles[slot].y)
     sight = road.sight[0]
-    view = along, settings.tie, sight, turn, settings.observed_vehicles
+    rows = settings.vehicle_rows, settings.shows_behind
+    view = along, settings.tie, sight, turn, rows
     rewards.observe(vehicles, records, slot_of_agent, view, observation)
     if len(people):
         people_kernels.observe(people, agent, sight, turn, settings, observation)
@@ -305,3 +312,37 @@ def _off_road_entry(sources: int):
 
 off_road: Any = _off_road_entry(fingerprint())
 """Write whether each agent is beyond its closest lane, on any road, bool (batch, agents)."""
+
+
+def _choices_entry(sources: int):
+    @allocating_entry_point
+    def run(vehicles, slots, options, road, speeds, lanes, first, end):
+        agent = np.empty(1, vehicles.dtype)
+        for row in range(first, end):
+            for number in range(slots.shape[1]):
+                for action in range(speeds.shape[2]):
+                    speeds[row, number, action] = 0.0
+                    lanes[row, number, action] = 0
+                    if slots[row, number] < 0:
+                        continue
+                    agent[0] = vehicles[row, slots[row, number]]
+                    drivers.choose(agent[0], action, road, options[0])
+                    speeds[row, number, action] = agent[0].target_speed
+                    lanes[row, number, action] = agent[0].target_lane
+        return sources
+
+    return run
+
+
+choices: Any = _choices_entry(fingerprint())
+"""Write the target speed, m/s, and the target lane that each action would select.
+
+Args:
+    vehicles: Records of vehicles, (row, slot).
+    slots: Slot of each agent, -1 if it has left, (row, agent).
+    options: SETTINGS record in an array of one.
+    road: Tables of the road.
+    speeds: Target speeds that are written, (row, agent, action); 0 of agents that have left.
+    lanes: Target lanes that are written, (row, agent, action).
+    first: First row of the part to do, up to `end`.
+"""
