@@ -176,7 +176,10 @@ def way_of(ego: np.void, road: tables.Road) -> list[int]:
     if planned:
         route = road.routes[ego["route"], ego["destination"]].tolist()
         firsts += [first for first in route[1:] if first >= 0]
-        firsts += _followed(firsts[-1], road)[1:]  # behind the destination
+        for first in _followed(firsts[-1], road)[1:]:  # behind the destination
+            if lanes[first]["kind"] != EXIT:
+                break
+            firsts.append(first)
     else:
         firsts = _followed(firsts[0], road)
         if lanes[target]["first"] not in firsts:  # it entered elsewhere
