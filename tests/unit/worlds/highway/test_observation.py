@@ -1,8 +1,9 @@
-"""The observation along the route: against formulas of the simulator's state, and its symmetries."""
+"""The observation along the route: against formulas of the state, and its symmetries."""
 
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,11 +31,11 @@ SIDEWAYS |= {"right", "right_10", "velocity_right", "sin", "beside_route", "sin_
 
 
 @cache
-def road(text: str):
+def road(text: str) -> Any:
     return socialiq.world(f"{text},observation=route")
 
 
-def driven(text: str, decisions: int, size: int = 40):
+def driven(text: str, decisions: int, size: int = 40) -> Any:
     """A batch after random decisions, one observation row for each agent that drives."""
     batch = road(text).batch(size)
     batch.reset(seeds=3)
@@ -168,9 +169,10 @@ def test_closeness_to_people_is_that_of_its_definition():
     assert compared > 100
 
 
-@pytest.mark.parametrize(
-    "text", ["intersection", "intersection,exit=right", "roundabout,duration=30", "merge"]
-)
+ARRIVING = ("intersection", "intersection,exit=right", "roundabout,duration=30", "merge")
+
+
+@pytest.mark.parametrize("text", ARRIVING)
 def test_the_way_to_arrival_ends_where_the_episode_does(text):
     """`to_arrival` falls by what the ego drives, and an ego has arrived where it is 0."""
     batch = road(text).batch(60)
@@ -294,7 +296,7 @@ def test_copies_and_restored_states_observe_the_same():
 def test_the_gymnasium_environment_has_its_bounds_and_its_mask():
     from socialiq.worlds.gym import RoadEnv
 
-    env = RoadEnv("merge", observation="route")
+    env: Any = RoadEnv("merge", observation="route")
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
     assert env.action_space.n == len(env.action_masks()) == 5
