@@ -72,7 +72,7 @@ class Export(Printing):
     """Perception before a policy, in the graph of ONNX: latency=1,track=3. The graph then takes
     what the sensors show and a memory, and returns the next memory."""
     world: str = "intersection"
-    """Road of the front end: intersection, merge, roundabout or two_way."""
+    """Road of the front end with its options, as merge or intersection,control=continuous."""
     evaluation: Path | None = None
     """JSON output of `socialiq evaluate POLICY --json`, for the card."""
 

@@ -74,6 +74,11 @@ class EgoModel:
         )
 
     @property
+    def n_actions(self) -> int:
+        """Number of actions; 0 where they are continuous, as `ActorPolicy.n_actions`."""
+        return len(self.changes) if len(self.changes) > 1 else 0
+
+    @property
     def per_second(self) -> np.ndarray:
         """Way in a second at a velocity of 1, x and y, in the units of velocity and position."""
         return np.array(self.units[2:]) / np.array(self.units[:2])

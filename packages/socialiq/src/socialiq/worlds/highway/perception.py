@@ -339,7 +339,7 @@ class FrontEnd:
     def _change(self, action: Any, xp: Arrays) -> Any:
         """Return an action as steps of the target speed, or as an acceleration in m/s²."""
         changes = self.ego.changes
-        if len(changes) == 1:
+        if not self.ego.n_actions:
             return xp.part(action, 0, 1) * np.float32(changes[0])
         change: Any = np.float32(changes[0])
         for number, (lower, upper) in enumerate(pairwise(changes), 1):
