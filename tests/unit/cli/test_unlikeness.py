@@ -66,7 +66,7 @@ def test_the_share_is_of_running_episodes_alone():
         (["{scored}", *ROAD, "--fallback", "wait=x"], "give a rate as wait=0.05"),
         (["{scored}", *ROAD, "--fallback", "wait=0.9"], "from 0.001 to 0.5"),
         (["{scored}", *ROAD, "--fallback", "wait", "--soft"], "goes without --soft"),
-        (["{scored}", "--world", "crossing7", "--fallback", "wait"], "which has no sensor"),
+        (["{scored}", "--world", "crossing7", "--fallback", "wait"], "takes 70 features"),
     ],
 )
 def test_mistakes_are_one_line(words, said, scored, capsys):
@@ -80,7 +80,7 @@ def test_mistakes_are_one_line(words, said, scored, capsys):
     [
         (["gap_3s"], "gap_3s is not one network"),
         (["prosocial", "--episodes", "1"], "give 2 or more"),
-        (["prosocial", "--world", "crossing7"], "unknown world"),
+        (["prosocial", "--world", "mars"], "unknown world"),
         (["nowhere.safetensors"], "nowhere.safetensors"),
     ],
 )
