@@ -157,7 +157,8 @@ def test_a_width_without_limits_of_the_rewards_is_refused_in_one_line(audit):
     profile, driven = audit(45.0, on_front(45.0, np.random.default_rng(1)))
     scenario = replace(profile.scenario, world="merge")
     unlimited = replace(profile, scenario=scenario, clip=None)
-    with pytest.raises(UserError, match=r"^margin.width needs limits of the rewards: add \[clip\]$"):
+    words = r"^margin.width needs limits of the rewards: add \[clip\]$"
+    with pytest.raises(UserError, match=words):
         direction_test(unlimited, driven, 0.05, 0.0125)
     free = replace(unlimited, margin=replace(profile.margin, width=None))
     assert direction_test(free, driven, 0.05, 0.0125).sides == ()

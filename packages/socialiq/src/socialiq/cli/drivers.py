@@ -27,7 +27,6 @@ from socialiq.types import Policy
 from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, sizes
-from socialiq.worlds.files import is_world_file
 from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.highway.people import PeopleOptions

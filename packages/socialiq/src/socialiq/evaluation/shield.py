@@ -67,7 +67,7 @@ class Shield(Watched):
         super().__init__(policy, lambda _rows: batch.near(seconds))
         self._batch = batch
 
-    def _instead(self, _observation: np.ndarray, actions: np.ndarray) -> np.ndarray:
+    def _instead(self, observation: np.ndarray, actions: np.ndarray) -> np.ndarray:  # noqa: ARG002  the state is read
         return self._batch.braked(actions)
 
 

@@ -21,6 +21,7 @@ from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import CLASSES
 from socialiq.worlds.sumo.simulation import Episode, Result, class_of, gap_ahead
 from socialiq.worlds.sumo.traffic import Scene, SumoOptions
+from socialiq.worlds.world import with_time
 
 
 class State(NamedTuple):
@@ -157,8 +158,8 @@ class SumoEnv(gymnasium.Env):
 
     def _observation(self) -> np.ndarray:
         assert self.episode is not None
-        time = np.array([len(self.episode.actions)] if self._clock else [], np.float32)
-        return np.append(self.episode.observation, time)
+        time = np.float32(len(self.episode.actions))
+        return with_time(self.episode.observation, time, self._clock)
 
     def save(self) -> State:
         """Return the state of the episode."""
