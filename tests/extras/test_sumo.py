@@ -285,7 +285,7 @@ def test_sumo_in_the_sandbox_writes_no_file_even_if_it_is_told_to(tmp_path):
 
 
 def test_a_shield_brakes_for_people_in_sumo():
-    """Where a pedestrian or a cyclist is in the ego's way, or gets into it, the ego goes slower."""
+    """The ego goes slower where a pedestrian or a cyclist is in its way, or gets into it."""
     env = gymnasium.make("socialiq/Sumo-v1", pedestrian_rate=1.0).unwrapped
     policy = shielded(ConstantPolicy(FASTER), env, 3.0)
     braked = []

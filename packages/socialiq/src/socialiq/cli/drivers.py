@@ -51,8 +51,8 @@ class OnRoads(Demand):
     """Options of one road in the commands that take many worlds."""
 
     shield: float = 0.0
-    """Where people walk: brake where the time to collision with a person is below so many seconds;
-    0: don't."""
+    """Seconds to a collision with a person below which the ego brakes, in a world with people; 0:
+    it doesn't."""
     shift: str = ""
     """Change of a road by name (late, unseen-30, noise-3; of the intersection also right, straight,
     connected, dense, wet, ...) or value (latency=1,unseen=.3); "or" stands between those that are

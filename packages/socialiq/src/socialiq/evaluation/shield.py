@@ -19,7 +19,7 @@ class Braking(Protocol):
 
     @property
     def walks(self) -> Any:
-        """What is true where people walk or ride."""
+        """True value where people walk or ride."""
 
     def near(self, seconds: float) -> Bool[np.ndarray, " row"]:
         """Return whether each ego reaches a person within some seconds.
