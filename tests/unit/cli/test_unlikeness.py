@@ -116,7 +116,7 @@ def test_a_policy_of_another_road_is_no_fallback(scored, capsys):
     assert "takes 70 features" in capsys.readouterr().err
 
 
-def test_a_fallback_decides_in_a_gridworld_and_shows_the_time_that_it_observes(tmp_path, capsys):
+def test_a_fallback_decides_in_a_gridworld(tmp_path, capsys):
     plain, scored, instead = (str(tmp_path / f"{name}.safetensors") for name in ("a", "b", "c"))
     for seed, length, path in ((0, 7, plain), (1, 7, instead)):
         network = QNetwork.initialise(jax.random.key(seed), length, (8,), 3)
@@ -135,10 +135,10 @@ def test_a_fallback_may_observe_the_time_where_the_policy_does_not():
     world = Intersection()
     dial = QPolicy.of(QNetwork.initialise(jax.random.key(0), 71, (8,), 3), 1.0, {})
     own = QPolicy.of(QNetwork.initialise(jax.random.key(1), 70, (8,), 3), 1.0, {})
-    seen = []
+    lengths = []
 
     def note(rows):
-        seen.append(rows.shape[1])
+        lengths.append(rows.shape[1])
         return np.arange(len(rows)) == 0
 
     watched = Watched(own, note, dial)
@@ -148,4 +148,4 @@ def test_a_fallback_may_observe_the_time_where_the_policy_does_not():
     assert rows.shape == (2, 71)
     expected = [dial.predict(rows)[0][0], own.predict(rows[:, :70])[0][1]]
     assert watched.predict(rows)[0].tolist() == expected
-    assert seen == [70]
+    assert lengths == [70]

@@ -448,7 +448,8 @@ class FrontEnd:
     def _accelerated(self, speed: Any, waiting: Any, xp: Arrays) -> tuple[Any, Any, Any]:
         """Return the ego's way in m and its speed in m/s under accelerations; and no target.
 
-        It is exact below the largest speed of a vehicle, which the simulator nears otherwise.
+        Both are exact below the largest speed of a vehicle. Above it the simulator brakes gradually
+        instead of limiting the speed at once.
         """
         seconds = 1.0 / self.rate
         share = 0.5 * (seconds - (0.0 if self.ego.ballistic else self.ego.sub_step))
