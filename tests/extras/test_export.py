@@ -33,6 +33,7 @@ from socialiq.policies.export import as_torch_module, state_dict, to_onnx, to_sa
 from socialiq.policies.front_end import FrontEndPolicy
 from socialiq.policies.load import load_policy
 from socialiq.storage import packaged_results
+from socialiq.worlds import grammar
 from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.world import Intersection
@@ -304,3 +305,61 @@ def test_a_front_end_in_the_graph_chooses_and_remembers_as_in_python(text, tmp_p
         np.testing.assert_array_equal(actions, expected)
         np.testing.assert_allclose(memory, state, atol=1e-5)
         started, rows = batch.step(expected).ending != 0, rows + len(actions)
+
+
+@pytest.mark.parametrize(
+    ("road", "squash"),
+    [
+        ("intersection,control=continuous", "tanh"),
+        ("intersection,control=steering", "clip"),
+        ("merge,control=continuous", "tanh"),
+        ("roundabout,control=steering", "tanh"),
+        ("road,seed=3,control=steering", "clip"),
+    ],
+)
+@pytest.mark.parametrize("text", ["latency=2,track=3,noise=1", "latency=1", "track=3"])
+def test_a_front_end_of_continuous_actions_is_in_the_graph(road, squash, text, tmp_path, capsys):
+    """Actions and memories of random episodes are those of Python, from the graph's own memory."""
+    world = grammar.build(f"{road},late,unseen=.3,noise=1")
+    shape = (jax.random.key(0), world.n_features + 1, (16,), world.action_size)
+    policy = ActorPolicy.of(Actor.initialise(*shape), {})
+    policy = dataclasses.replace(policy, squash=squash)
+    policy.save(tmp_path / "actor.safetensors")
+    path = tmp_path / "sensed.onnx"
+    words = ["--format", "onnx", "--front-end", text, "--world", road, "--out", str(path)]
+    assert main(["export", str(tmp_path / "actor.safetensors"), *words]) == 0
+    session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+    front_end = dataclasses.replace(FrontEnd.of(text), ego=grammar.build(road).ego)
+    behind = FrontEndPolicy(policy, front_end, world.n_features + 1)
+    batch = world.batch(100)
+    batch.reset(0)
+    rng = np.random.default_rng(0)
+    state = None
+    started = None
+    memory = front_end.memory(100, world.n_features)
+    for _ in range(25):
+        sensed = np.column_stack([batch.observation, batch.time])
+        expected, state = behind.predict(sensed, state, started)
+        memory = memory if started is None else np.where(started[:, None], 0, memory)
+        inputs = {"sensed": sensed, "memory": memory.astype(np.float32)}
+        actions, memory = session.run(["actions", "memory_after"], inputs)
+        np.testing.assert_allclose(actions, expected, atol=1e-5)
+        np.testing.assert_allclose(memory, state, atol=1e-5)
+        driven = rng.uniform(-1.0, 1.0, expected.shape).astype(np.float32)
+        started = batch.step(driven).ending != 0
+    assert expected.std(axis=0).min() > 1e-3
+
+
+def test_a_front_end_of_a_road_with_actions_of_another_kind_is_refused(tmp_path, capsys):
+    shape = (jax.random.key(0), 70, (4,), 1)
+    actor = tmp_path / "actor.safetensors"
+    ActorPolicy.of(Actor.initialise(*shape), {}).save(actor)
+    words = ["--format", "onnx", "--front-end", "latency=1", "--out", str(tmp_path / "p.onnx")]
+    assert main(["export", str(actor), *words]) == 2
+    said = "the policy has continuous actions, the front end's road 3 actions"
+    assert said in capsys.readouterr().err
+    words += ["--world", "intersection,control=continuous"]
+    assert main(["export", "prosocial", *words]) == 2
+    said = "the policy has 3 actions, the front end's road continuous actions"
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "p.onnx").exists()

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import json
+import math
 import runpy
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ from socialiq.audit.report.views import by_class
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.effects import sums_in
+from socialiq.evaluation.shield import shielded
 from socialiq.isolation import isolation_of
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make
 from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import NETS
-from socialiq.worlds.sumo.simulation import Episode
+from socialiq.worlds.sumo.simulation import Body, Episode, gap_ahead
 from socialiq.worlds.sumo.traffic import Scene, SumoOptions
 from socialiq.worlds.world import ConstantPolicy
 
@@ -280,3 +282,60 @@ def test_sumo_in_the_sandbox_writes_no_file_even_if_it_is_told_to(tmp_path):
     assert victim.read_text() == "precious"
     Episode(scene, 0).step(FASTER)
     assert victim.read_text() != "precious"  # without the sandbox the attack works
+
+
+def test_a_shield_brakes_for_people_in_sumo():
+    """The ego goes slower where a pedestrian or a cyclist is in its way, or gets into it."""
+    env = gymnasium.make("socialiq/Sumo-v1", pedestrian_rate=1.0).unwrapped
+    policy = shielded(ConstantPolicy(FASTER), env, 3.0)
+    braked = []
+    for seed in range(6):
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            action, _ = policy.predict(env._observation())
+            near = env.near(3.0)[0]
+            assert action == (SLOWER if near else FASTER)
+            braked.append(near)
+            _, _, terminated, truncated, _ = env.step(int(action))
+            over = terminated or truncated
+    assert 0 < sum(braked) < len(braked)
+    empty = gymnasium.make("socialiq/Sumo-v1", **EMPTY).unwrapped
+    with pytest.raises(UserError, match="no one walks here"):
+        shielded(ConstantPolicy(FASTER), empty, 3.0)
+
+
+def test_a_person_counts_in_the_way_or_on_the_way_into_it():
+    def body(x, y, along_x, along_y, speed):
+        return Body(x, y, 0.0, speed, along_x, along_y, "pedestrian")
+
+    ego = body(0.0, 0.0, 1.0, 0.0, 5.0)
+    gaps = [
+        gap_ahead(ego, body(*place), 2.0)
+        for place in (
+            (12.5, 0.5, 0.0, 1.0, 0.0),  # stands in the way
+            (12.5, 3.5, 0.0, -1.0, 1.5),  # comes within 4/3 s
+            (12.5, 5.5, 0.0, -1.0, 1.5),  # comes within 8/3 s
+            (12.5, 3.5, 0.0, 1.0, 1.5),  # goes away
+            (-5.0, 0.0, 1.0, 0.0, 1.5),  # is behind
+        )
+    ]
+    assert gaps == [10.0, 10.0, math.inf, math.inf, math.inf]
+
+
+def test_the_commands_take_a_shield_and_a_fallback_in_sumo(tmp_path, capsys):
+    scored = str(tmp_path / "scored.safetensors")
+    assert main(["unlikeness", "prosocial", "--episodes", "20", "--out", scored]) == 0
+    capsys.readouterr()
+    more = ["--episodes", "3", "--json"]
+    rewards = []
+    for words in ([], ["--shield", "4"], ["--fallback", "wait=0.5"]):
+        assert main(["evaluate", scored, "--world", "sumo", *more, *words]) == 0
+        row = json.loads(capsys.readouterr().out)
+        assert main(["effects", "sumo", "--policy", scored, *more, *words]) == 0
+        effects = json.loads(capsys.readouterr().out)["drivers"][0]
+        assert effects["r_env"] == pytest.approx(row["r_env"])
+        assert effects.get("fallback") == row.get("fallback")
+        rewards.append(row["r_env"])
+    assert 0.0 < row["fallback"] < 1.0
+    assert len({*rewards}) == 3

@@ -11,6 +11,8 @@ from tests.extras.recorded_world.test_recorded_world import resealed
 
 from socialiq.cli.main import main
 from socialiq.errors import UserError
+from socialiq.evaluation.shield import shielded
+from socialiq.evaluation.simulate import play
 from socialiq.types import Ending
 from socialiq.worlds import RECORDED_JUNCTION
 from socialiq.worlds.highway.effects import EffectOptions
@@ -221,3 +223,41 @@ def test_commands_count_people_by_class(tmp_path, capsys, monkeypatch):
     env = gymnasium.make(RECORDED_JUNCTION, file=world, render_mode="rgb_array")
     env.reset(seed=0)
     assert env.render().std() > 0
+
+
+def test_a_shield_brakes_for_the_pedestrian(peopled, world):
+    """The ego that goes on hits the pedestrian; with a shield of 3 s it brakes, and hits less."""
+    road = peopled.world.road._replace(egos=np.array([WEST]))
+    west = dataclasses.replace(peopled.world, road=road)
+    hits = []
+    shares = []
+    for seconds in (1e-6, 3.0):  # the first brakes only in contact
+        batch = west.batch(40)
+        policy = shielded(west.driver("go"), batch, seconds)
+        count = 0.0
+        for step in play(batch, policy, np.arange(40)):
+            count += step.made.signals["pedestrian_hit"][step.running].sum()
+            np.testing.assert_array_equal(step.action, np.where(policy.noted, WAIT, GO))
+        hits.append(count)
+        shares.append(policy.share)
+    assert hits[1] < hits[0]
+    assert shares[0] < shares[1] < 1.0
+    with pytest.raises(UserError, match="no one walks here"):
+        shielded(world.driver("go"), world.batch(1), 2.0)
+    with pytest.raises(UserError, match="positive"):
+        shielded(west.driver("go"), batch, -1.0)
+
+
+def test_the_commands_take_a_shield_in_a_file(peopled, tmp_path, capsys):
+    path = tmp_path / "peopled.safetensors"
+    peopled.world.save(path)
+    delays = []
+    for seconds in ("0", "3"):
+        words = [str(path), "--episodes", "6", "--shield", seconds, "--json"]
+        assert main(["evaluate", "go", "--world", *words]) == 0
+        delays.append(json.loads(capsys.readouterr().out)["r_env"])
+        assert main(["effects", *words, "--policy", "go"]) == 0
+        delays.append(json.loads(capsys.readouterr().out)["drivers"][0]["r_env"])
+    assert delays[0] == pytest.approx(delays[1])
+    assert delays[2] == pytest.approx(delays[3])
+    assert delays[0] != delays[2]

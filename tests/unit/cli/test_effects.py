@@ -62,7 +62,6 @@ def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
         ),
         (["effects", "crossing7", "--policy", "go", "--shift", "late"], "which has no sensor"),
         (["effects", "crosswalk7", "--policy", "go", "--shield", "2"], "no seconds to a collision"),
-        (["effects", "sumo", "--policy", "go", "--shield", "2"], "the people here are not of"),
         (["effects", "sumo", "--policy", "go", "--shift", "late"], "its own code makes of a state"),
         ([*GO, "--angle", "45"], "--angle is of dials"),
         ([*GO, "--policy", CLOCKED, "--angle", "200"], "200"),

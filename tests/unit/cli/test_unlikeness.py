@@ -66,7 +66,7 @@ def test_the_share_is_of_running_episodes_alone():
         (["{scored}", *ROAD, "--fallback", "wait=x"], "give a rate as wait=0.05"),
         (["{scored}", *ROAD, "--fallback", "wait=0.9"], "from 0.001 to 0.5"),
         (["{scored}", *ROAD, "--fallback", "wait", "--soft"], "goes without --soft"),
-        (["{scored}", "--world", "crossing7", "--fallback", "wait"], "which has no sensor"),
+        (["{scored}", "--world", "crossing7", "--fallback", "wait"], "takes 70 features"),
     ],
 )
 def test_mistakes_are_one_line(words, said, scored, capsys):
@@ -80,7 +80,7 @@ def test_mistakes_are_one_line(words, said, scored, capsys):
     [
         (["gap_3s"], "gap_3s is not one network"),
         (["prosocial", "--episodes", "1"], "give 2 or more"),
-        (["prosocial", "--world", "crossing7"], "unknown world"),
+        (["prosocial", "--world", "mars"], "unknown world"),
         (["nowhere.safetensors"], "nowhere.safetensors"),
     ],
 )
@@ -114,3 +114,38 @@ def test_shift_front_end_and_fallback_at_the_merge(tmp_path, capsys):
 def test_a_policy_of_another_road_is_no_fallback(scored, capsys):
     assert main(["effects", "merge", "--policy", scored, "--fallback", "wait"]) == 2
     assert "takes 70 features" in capsys.readouterr().err
+
+
+def test_a_fallback_decides_in_a_gridworld(tmp_path, capsys):
+    plain, scored, instead = (str(tmp_path / f"{name}.safetensors") for name in ("a", "b", "c"))
+    for seed, length, path in ((0, 7, plain), (1, 7, instead)):
+        network = QNetwork.initialise(jax.random.key(seed), length, (8,), 3)
+        QPolicy.of(network, 1.0, {}).save(Path(path))
+    grid = ["--world", "crossing7"]
+    assert main(["unlikeness", plain, *grid, "--episodes", "50", "--out", scored]) == 0
+    capsys.readouterr()
+    own = result(["evaluate", scored, *grid], capsys)
+    both = result(["evaluate", scored, *grid, "--fallback", f"{instead}=0.5"], capsys)
+    assert both["r_env"] != own["r_env"]
+    effects = ["effects", "crossing7", "--policy", scored, "--fallback", f"{instead}=0.5"]
+    assert result(effects, capsys)["drivers"][0]["r_env"] == pytest.approx(both["r_env"])
+
+
+def test_a_fallback_may_observe_the_time_where_the_policy_does_not():
+    world = Intersection()
+    dial = QPolicy.of(QNetwork.initialise(jax.random.key(0), 71, (8,), 3), 1.0, {})
+    own = QPolicy.of(QNetwork.initialise(jax.random.key(1), 70, (8,), 3), 1.0, {})
+    lengths = []
+
+    def note(rows):
+        lengths.append(rows.shape[1])
+        return np.arange(len(rows)) == 0
+
+    watched = Watched(own, note, dial)
+    batch = world.batch(2)
+    batch.reset([0, 1])
+    rows = batch.seen_by(watched)
+    assert rows.shape == (2, 71)
+    expected = [dial.predict(rows)[0][0], own.predict(rows[:, :70])[0][1]]
+    assert watched.predict(rows)[0].tolist() == expected
+    assert lengths == [70]

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq import UserError
 from socialiq.policies.front_end import FrontEndPolicy, Node, Nodes
-from socialiq.worlds import registry
+from socialiq.worlds import grammar
 from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.world import Intersection
@@ -66,11 +66,22 @@ OPERATORS = {
 }
 
 
-@pytest.mark.parametrize("name", ["intersection", "merge", "roundabout", "two_way"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "intersection",
+        "merge",
+        "roundabout",
+        "two_way",
+        "road,seed=3",
+        "intersection,control=continuous",
+        "merge,control=steering",
+    ],
+)
 def test_its_graph_computes_the_same_on_every_road(name):
-    world = registry.make(name, shift="late,unseen=.3,noise=1", front_end="known")
+    world = grammar.build(f"{name},late,unseen=.3,noise=1,front_end=known")
     front, features = world.front_end, world.n_features
-    bare = registry.make(name, shift="late,unseen=.3,noise=1").batch(20)
+    bare = grammar.build(f"{name},late,unseen=.3,noise=1").batch(20)
     bare.reset(0)
     memory = front.memory(20, features)
     for _ in range(4):
@@ -81,8 +92,12 @@ def test_its_graph_computes_the_same_on_every_road(name):
         estimate, memory = front.see(shown, memory, features)
         for node, array in zip(ends, (estimate, memory), strict=True):
             np.testing.assert_allclose(graph.values[node.name], array, atol=1e-6)
-        actions = np.arange(20) % world.n_actions
-        decided = actions[:, None].astype(np.float32)
+        if world.action_size:
+            actions = np.linspace(-1.0, 1.0, 20 * world.action_size, dtype=np.float32)
+            actions = actions.reshape(20, -1)
+        else:
+            actions = np.arange(20) % world.n_actions
+        decided = actions.reshape(20, -1).astype(np.float32)
         graph.values["decided"] = decided
         after = front.decided(ends[1], Node(graph, "decided"), features, xp)
         memory = front.decided(memory, decided, features)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from socialiq import UserError
 from socialiq.audit.profile.profile import Clip, Floor, Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.verdict.decision import Decision
@@ -150,6 +151,17 @@ def test_without_a_reference_of_an_end_the_policy_does_not_pass(audit, evidence)
     assert found.decision is Decision.INCONCLUSIVE and found.needed is None
     assert found.lacking == "no reference driver of 30 degrees"
     assert character_test(profile, few, 0.05, 0.0125).decision is Decision.INCONCLUSIVE
+
+
+def test_a_width_without_limits_of_the_rewards_is_refused_in_one_line(audit):
+    profile, driven = audit(45.0, on_front(45.0, np.random.default_rng(1)))
+    scenario = replace(profile.scenario, world="merge")
+    unlimited = replace(profile, scenario=scenario, clip=None)
+    words = r"^margin.width needs limits of the rewards: add \[clip\]$"
+    with pytest.raises(UserError, match=words):
+        direction_test(unlimited, driven, 0.05, 0.0125)
+    free = replace(unlimited, margin=replace(profile.margin, width=None))
+    assert direction_test(free, driven, 0.05, 0.0125).sides == ()
 
 
 def test_clipped_rewards_bound_the_loss(audit):

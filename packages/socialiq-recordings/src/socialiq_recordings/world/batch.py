@@ -170,6 +170,34 @@ class JunctionBatch(RoadBatch):
                 yield PERSON + person, tuple(values)
 
     @property
+    def walks(self) -> bool:
+        """Whether people were recorded."""
+        return bool(len(self.world.road.person_class))
+
+    def near(self, seconds: float) -> Bool[np.ndarray, " row"]:
+        """Return whether each ego reaches a person in its way within some seconds.
+
+        Args:
+            seconds: Time, s.
+        """
+        from socialiq.worlds.highway.core.compile import run_in_parts
+        from socialiq_recordings.world import people
+
+        people_near = np.zeros(self.size, bool)
+        records = self.buffers.episodes, self.buffers.vehicles
+        options = self.world.road, self._settings, float(seconds)
+        run_in_parts(people.near, 1, self.size, *records, *options, people_near)
+        return people_near
+
+    def braked(self, actions: np.ndarray) -> np.ndarray:
+        """Return the number of the strongest braking in the place of each action.
+
+        Args:
+            actions: Numbers of levels.
+        """
+        return np.full_like(actions, int(np.nanargmin(self.levels)))
+
+    @property
     def _arguments(self) -> dict[str, Any]:
         return {"world": self.world, "threads": self._threads}
 
@@ -199,7 +227,7 @@ class JunctionBatch(RoadBatch):
     def _signals(self) -> dict[str, np.ndarray]:
         """Return every signal, with those of touched people if the world has any."""
         signals = super()._signals()
-        if not len(self.world.road.person_class):
+        if not self.walks:
             return signals
         episodes = self.buffers.episodes
         hits = {f"{GROUPS[kind]}_hit": episodes["hit"] == int(kind) for kind in PEOPLE}

@@ -7,8 +7,9 @@ at its velocity, as for a vehicle ahead.
 
 import collections
 import math
+from typing import Any
 
-from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
 from socialiq_recordings.world.geometry import four, projected
 
 LOOK = 2.0  # s
@@ -91,3 +92,20 @@ def ahead(road, episode, car):
                 gap = at - car.along - half
                 pace = max(speed * cos, 0.0)
     return gap, pace
+
+
+def _near_entry(sources: int):
+    @entry_point
+    def run(episodes, vehicles, road, options, seconds, near, first, end):
+        least = options[0].target_speeds[1]
+        for row in range(first, end):
+            car = vehicles[row, episodes[row].controlled[0]]
+            gap, _ = ahead(road, episodes[row], car)
+            near[row] = gap < seconds * max(car.speed, least)
+        return sources
+
+    return run
+
+
+near: Any = _near_entry(fingerprint(__file__))
+"""Write whether each ego reaches a person in its way within some seconds, (row,)."""

@@ -133,6 +133,7 @@ class RecordedWorld(RoadWorld):
             idle=self.config.levels.index(0.0),
             changes=self.config.levels,
             accelerates=True,
+            ballistic=True,
             speeds=(0.0, MAX_SPEED),
             sub_step=1.0 / SUB_STEPS,
             rate=options.policy_frequency,

@@ -1,5 +1,6 @@
 """Drivers of the roads by name or file, and the gridworld of a policy."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,6 @@ from socialiq.types import Policy
 from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, sizes
-from socialiq.worlds.files import is_world_file
 from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.highway.people import PeopleOptions
@@ -51,8 +51,8 @@ class OnRoads(Demand):
     """Options of one road in the commands that take many worlds."""
 
     shield: float = 0.0
-    """At an intersection with crosswalks: brake where the time to collision with a person on foot
-    is below so many seconds; 0: don't."""
+    """Seconds to a collision with a person below which the ego brakes, in a world with people; 0:
+    it doesn't."""
     shift: str = ""
     """Change of a road by name (late, unseen-30, noise-3; of the intersection also right, straight,
     connected, dense, wet, ...) or value (latency=1,unseen=.3); "or" stands between those that are
@@ -81,22 +81,16 @@ class OnRoads(Demand):
 
     def _check(self, world: Written) -> None:
         """Refuse, by a `UserError`, what a world has not."""
-        if self.shield and not (world.walks and world.name == catalogue.INTERSECTION):
-            why = "no one walks here"
-            if world.name in catalogue.GRIDS:
-                why = "a gridworld has no seconds to a collision"
-            elif world.in_sumo or is_world_file(world.name):
-                why = "the people here are not of the roads whose state a shield reads"
+        if self.shield and world.name in catalogue.GRIDS:
             raise UserError(
-                f"--shield is for people on foot, and {why}: choose intersection,people=0.1"
+                "--shield is for people on foot, and a gridworld has no seconds to a collision: "
+                "choose intersection,people=0.1"
             )
-        if (self.shift or self.front_end or self.fallback) and not catalogue.is_road(world.name):
+        if (self.shift or self.front_end) and not catalogue.is_road(world.name):
             why = "shows policies what its own code makes of a state: change it there"
             if world.name in catalogue.GRIDS:
                 why = "is a gridworld, which has no sensor and no latency"
-            raise UserError(
-                f"--shift, --front-end and --fallback are of a road; {one_line(world.name)} {why}"
-            )
+            raise UserError(f"--shift and --front-end are of a road; {one_line(world.name)} {why}")
         if self.fallback and self.shield:
             raise UserError("either --fallback or --shield decides: leave one out")
 
@@ -176,7 +170,7 @@ def driver_in(
     return drivers.finished(driver, loaded, world)
 
 
-def with_fallback(text: str, name: Any, loaded: Loaded, world: World) -> Policy:
+def with_fallback(text: str, name: Any, loaded: Loaded, read: Callable[[str], Loaded]) -> Policy:
     """Return a driver that hands over to another one where a state is unlike training.
 
     Args:
@@ -184,7 +178,7 @@ def with_fallback(text: str, name: Any, loaded: Loaded, world: World) -> Policy:
             none.
         name: Name of the first driver, for messages.
         loaded: The first driver.
-        world: The world.
+        read: Function that returns a driver of the world by its name.
 
     Raises:
         UserError: If the driver has no score of unlikeness, or the text is wrong.
@@ -200,7 +194,7 @@ def with_fallback(text: str, name: Any, loaded: Loaded, world: World) -> Policy:
         alarm = loaded.policy.alarm(float(rate or USUAL_RATE))
     except ValueError as error:
         raise UserError(f"--fallback {text}: give a rate as {driver}=0.05") from error
-    return Watched(loaded.policy, alarm, driver_of(driver, world).policy)
+    return Watched(loaded.policy, alarm, read(driver).policy)
 
 
 def refuse_misfit(name: str, policy: DialPolicy | ActorDial, world: World) -> None:

@@ -1,6 +1,7 @@
 """`effects`: effects of drivers on others, measured by the same episodes without them."""
 
 import contextlib
+import functools
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
@@ -32,6 +33,7 @@ from socialiq.evaluation.effects import (
 )
 from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.evaluation.measures import Episodes, by_episode
+from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
 from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
@@ -151,8 +153,9 @@ class EffectsOf(Printing):
                 (name, angle, closing.enter_context(driver_of(name, world, angle, self.allow_code)))
                 for name, angle in self.drivers()
             ]
+            read = functools.partial(driver_of, world=world)
             for name, angle, loaded in opened:
-                driver = with_fallback(self.road.fallback, name, loaded, world)
+                driver = with_fallback(self.road.fallback, name, loaded, read)
                 effects = measure(world, driver, seeds, begun, shield=self.road.shield)
                 row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
                 row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
@@ -174,12 +177,16 @@ class EffectsOf(Printing):
         say(UNSEEN)
         seeds = np.arange(self.seed, self.seed + self.episodes)
         layout = make(INTERSECTION)
+        read = functools.partial(driver_of, world=layout)
         for name, angle in self.drivers():
             with driver_of(name, layout, angle, self.allow_code) as loaded:
-                clock = loaded.record.interface.n_features > layout.n_features
+                driver = with_fallback(self.road.fallback, name, loaded, read)
+                length = getattr(driver, "n_features", None) or loaded.record.interface.n_features
+                clock = length > layout.n_features
                 env = make_environment(written.name, {"clock": clock, **options, **written.options})
-                sums = sums_in(env, loaded.policy, seeds)
+                sums = sums_in(env, shielded(driver, env.unwrapped, self.road.shield), seeds)
             row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
+            row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
             episodes += by_episode(sums, sums, seeds, row)
             row |= {"episodes": self.episodes}
             endings = Episodes(ending=sums.pop("ending"))
@@ -197,7 +204,9 @@ class EffectsOf(Printing):
         for name, angle in self.drivers():
             with driver_of(name, plain, angle, self.allow_code) as loaded:
                 table = gridworld_of(self.world, loaded.record.interface)
-                chances = action_table(loaded.policy, table, "greedy")
+                read = functools.partial(driver_of, world=table.world)
+                driver = with_fallback(self.road.fallback, name, loaded, read)
+                chances = action_table(driver, table, "greedy")
             metrics = evaluate_exactly(table, chances)
             row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
             row |= {"r_env": metrics.r_env, "r_social": metrics.r_social}

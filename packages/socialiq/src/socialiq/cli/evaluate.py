@@ -181,7 +181,8 @@ class Evaluate(Printing):
         world = drivers.with_one_ego(written)
         settings = (name, written, self.angle, self.allow_code, self.soft, shield, size)
         with drivers.driver_of(name, world, self.angle, self.allow_code, self.seed) as loaded:
-            driver = drivers.with_fallback(self.road.fallback, name, loaded, world)
+            read = functools.partial(drivers.driver_of, world=world)
+            driver = drivers.with_fallback(self.road.fallback, name, loaded, read)
             if not self.processes:
                 batch: Any = world.batch(size)
                 seeds = np.array(self._seeds)
@@ -219,7 +220,9 @@ class Evaluate(Printing):
                 if (dial := drivers.dial_of(name)) is not None:
                     drivers.complain_if_it_stands(name, dial, states.observations())
                 driven = table if self.episodes else states
-                chances = exact.action_table(loaded.policy, driven, readout)
+                read = functools.partial(drivers.driver_of, world=table.world)
+                driver = drivers.with_fallback(self.road.fallback, name, loaded, read)
+                chances = exact.action_table(driver, driven, readout)
             target = target_of(loaded.record)
             angle = parse(name).at(self.angle)
             angle = (target or 0.0) if angle is None else angle
@@ -249,7 +252,7 @@ class Evaluate(Printing):
         if written.in_sumo:
             say(UNSEEN)
         settings = (written, policy, self.angle, self.allow_code)
-        settings = (*settings, self.soft, self.road.fallback)
+        settings = (*settings, self.soft, self.road)
         if not self.processes:
             played = [_play_in_environment(*settings, np.array(self._seeds))]
         elif self.soft or policy == "random":
@@ -309,7 +312,7 @@ def _play_in_environment(
     angle: float | None,
     allow_code: bool,
     soft: bool,
-    fallback: str,
+    road: drivers.OnRoads,
     seeds: np.ndarray,
 ) -> tuple[Rollout, Record, float | None]:
     """Play the episodes of successive seeds.
@@ -322,14 +325,15 @@ def _play_in_environment(
     env = environment.make_environment(name, options, allow_code=allow_code, continuous=True)
     how = angle, allow_code, int(seeds[0]), name in TIMED
     with drivers.driver_in(env, policy, world, *how) as loaded:
-        if loaded.record.interface.n_features > environment.sizes(env)[0]:
+        read = functools.partial(drivers.driver_in, env, written=world, clock=name in TIMED)
+        driver = drivers.with_fallback(road.fallback, policy, loaded, read)
+        length = getattr(driver, "n_features", None) or loaded.record.interface.n_features
+        if length > environment.sizes(env)[0]:
             env = environment.make_environment(name, {**options, "clock": True}, continuous=True)
-        road: Any = env.unwrapped  # a fallback is of roads
-        driver = loaded.policy
-        if fallback:
-            driver = drivers.with_fallback(fallback, policy, loaded, road.world)
+        batch = getattr(env.unwrapped, "batch", env.unwrapped)
+        shield = shielded(driver, batch, road.shield)
         count = len(seeds)
-        rollout = rollout_env(env, driver, count, int(seeds[0]), deterministic=not soft)
+        rollout = rollout_env(env, shield, count, int(seeds[0]), deterministic=not soft)
         return rollout, loaded.record, driver.share if isinstance(driver, Watched) else None
 
 

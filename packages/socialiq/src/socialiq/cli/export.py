@@ -32,7 +32,7 @@ from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.types import Row
 from socialiq.worlds import grammar
-from socialiq.worlds.catalogue import ROADS
+from socialiq.worlds.catalogue import NAMES, ROADS
 from socialiq.worlds.highway.perception import FrontEnd
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.situation import ContextPolicy
@@ -72,7 +72,7 @@ class Export(Printing):
     """Perception before a policy, in the graph of ONNX: latency=1,track=3. The graph then takes
     what the sensors show and a memory, and returns the next memory."""
     world: str = "intersection"
-    """Road of the front end: intersection, merge, roundabout or two_way."""
+    """Road of the front end with its options, as merge or intersection,control=continuous."""
     evaluation: Path | None = None
     """JSON output of `socialiq evaluate POLICY --json`, for the card."""
 
@@ -283,13 +283,13 @@ class Score(Printing):
     """
 
     policy: Annotated[Path, tyro.conf.Positional]
-    """Policy file of the intersection with discrete actions, a dial, or a name of the atlas."""
+    """Policy file with discrete actions, a dial, or a name of the atlas."""
     out: Path
     """Policy file to write."""
     angle: float | None = None
     """Social angle of a dial, in degrees."""
     world: str = "intersection"
-    """The declared world: intersection, one with crosswalks, merge, roundabout or two_way."""
+    """The declared world: a road, or a gridworld."""
     shift: str = ""
     """Shift of the declared world, as of `socialiq evaluate`."""
     front_end: str = ""
@@ -303,7 +303,7 @@ class Score(Printing):
         """Drive, fit, write, test, print."""
         check_seed(self.seed)
         sensed = OnRoads(shift=self.shift, front_end=self.front_end).written(self.world)
-        one_of("world", sensed.name, ROADS)
+        one_of("world", sensed.name, NAMES)
         refuse_existing(self.out)
         if self.episodes < 2:
             raise UserError(f"--episodes {self.episodes}: give 2 or more")

@@ -21,6 +21,7 @@ from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.highway.scene_batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import with_time
 
 
 def rollouts(
@@ -122,7 +123,7 @@ def branched_fleet_returns(
     driving = copies.driving
     is_first = True
     while driving.any():
-        action[driving] = follow(observed_by_agents(copies, clock, turned)[driving.ravel()])
+        action[driving] = follow(observed(copies, clock, turned)[driving])
         if is_first:
             action[rows, agent] = np.tile(np.arange(count), size)
             is_first = False
@@ -134,38 +135,21 @@ def branched_fleet_returns(
     return RewardPair(*(side.reshape(size, count) for side in sides))
 
 
-def observed_by_agents(
-    batch: RoadBatch, clock: bool, angles: Float[np.ndarray, "batch agent"]
-) -> Float32[np.ndarray, "row feature"]:
-    """Return the observations of all agents in rows, as `observed`.
-
-    Args:
-        batch: Fleets, on the core.
-        clock: Whether the time follows the observation.
-        angles: Angle of each agent in degrees, the last feature.
-
-    Returns:
-        Rows by episode and agent, the agents of the first episode first.
-    """
-    columns = [batch.observation.reshape(angles.size, -1)]
-    columns += [batch.clocks] if clock else []
-    return np.column_stack([*columns, angles.ravel().astype(np.float32)])
-
-
 def observed(
     batch: RoadBatch, clock: bool, angles: Float[np.ndarray, "batch ..."] | None = None
-) -> Float32[np.ndarray, "batch feature"]:
+) -> Float32[np.ndarray, "batch *agent feature"]:
     """Return the present observations, followed by the time with a clock, and by the angles.
 
     Args:
-        batch: Episodes, on the core.
+        batch: Episodes, on the core; of fleets every agent has an observation.
         clock: Whether the time follows the observation, in decisions since the reset.
-        angles: Of each episode in degrees, or a row of two angles; None for no angle.
+        angles: Of each episode or agent in degrees, or a row of two angles; None for no angle.
     """
-    columns = [batch.observation]
-    columns += [batch.time] if clock else []
-    columns += [] if angles is None else [angles.astype(np.float32)]
-    return np.column_stack(columns) if len(columns) > 1 else batch.observation
+    observation = with_time(batch.observation, batch.clocks, clock)
+    if angles is None:
+        return observation
+    turned = angles.astype(np.float32).reshape(*batch.shape, -1)
+    return np.concatenate([observation, turned], axis=-1)
 
 
 class OracleLookahead(Memoryless):

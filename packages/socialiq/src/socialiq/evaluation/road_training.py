@@ -16,7 +16,6 @@ from socialiq.evaluation.branching import (
     branched_fleet_returns,
     branched_returns,
     observed,
-    observed_by_agents,
 )
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.parts import available_cores
@@ -364,7 +363,7 @@ def fleet_labeller(
         labelled = []
         fleets = np.arange(batch.size)
         for _ in range(-(-states // batch.size)):
-            observation = observed_by_agents(batch, clock, angles)
+            observation = observed(batch, clock, angles).reshape(angles.size, -1)
             chosen = (batch.driving * rng.random(batch.shape)).argmax(axis=1)
             returns = branched_fleet_returns(batch, follow, clock, angles, chosen)
             rows = fleets * batch.shape[1] + chosen

@@ -16,7 +16,6 @@ from jaxtyping import Bool, Float, Float32, Int64, Shaped
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy, RewardPair, is_unit_box
-from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.world import Actor, Simulator
 
 SOFT = 4172  # makes draws of soft policies independent of other draws from the same seed
@@ -177,9 +176,10 @@ class _Stateless:
 
 
 class Watched:
-    """A policy that notes something of each observation; a fallback decides where that is true.
+    """A policy that notes something of each observation; another one decides where that is true.
 
-    The fallback gets as many features as it names; one that names none does not see the time.
+    The other policy, the fallback, gets as many features as it names, or all. If it names one more
+    than the policy, it observes the time too.
 
     Attributes:
         noted: Of all rows of the last call.
@@ -192,7 +192,9 @@ class Watched:
         self._policy = policy
         self._note = note
         self._fallback = fallback
-        self.n_features = getattr(policy, "n_features", None)
+        self._own = getattr(policy, "n_features", None)
+        further = getattr(fallback, "n_features", None)
+        self.n_features = further if self._own and further == self._own + 1 else self._own
         self.remembers = getattr(policy, "remembers", False)
         self.noted = np.zeros(0)
         self.kept = list[np.ndarray]()
@@ -216,14 +218,22 @@ class Watched:
         Returns:
             The actions, and the policy's next memory.
         """
-        self.noted = self._note(np.atleast_2d(observation))
-        actions, state = self._policy.predict(observation, state, episode_start, deterministic)
-        if self._fallback is None:
+        own = observation if self.n_features == self._own else observation[..., : self._own]
+        self.noted = self._note(np.atleast_2d(own))
+        actions, state = self._policy.predict(own, state, episode_start, deterministic)
+        instead = self._instead(np.asarray(observation), actions)
+        if instead is None:
             return actions, state
-        length = np.shape(observation)[-1]
-        length = getattr(self._fallback, "n_features", length - length % len(FEATURES))
-        chosen, _ = self._fallback.predict(np.asarray(observation)[..., :length])
-        return np.where(self.noted.reshape(np.shape(actions)), chosen, actions), state
+        rows = np.shape(observation)[:-1]
+        width = (1,) * (np.ndim(actions) - len(rows))  # of continuous actions
+        return np.where(self.noted.reshape((*rows, *width)), instead, actions), state
+
+    def _instead(self, observation: np.ndarray, actions: np.ndarray) -> np.ndarray | None:  # noqa: ARG002  for subclasses
+        """Return the actions where what is noted is true; None: those of the policy."""
+        if self._fallback is None:
+            return None
+        length = getattr(self._fallback, "n_features", None)
+        return self._fallback.predict(observation[..., :length])[0]
 
     @property
     def share(self) -> float:

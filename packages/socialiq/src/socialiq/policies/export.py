@@ -54,11 +54,10 @@ def to_onnx(policy: Exported, front_end: FrontEnd | None = None) -> bytes:
 
     Args:
         policy: The policy.
-        front_end: Front end of the intersection before the policy; None for none.
+        front_end: Front end of the policy's road, with its ego; None for no front end.
 
     Raises:
-        UserError: If the extra `onnx` is not installed, or a front end is of continuous actions or
-            of another road.
+        UserError: If the extra `onnx` is not installed, or a front end is of another road.
     """
     onnx = optional("onnx", "onnx", "ONNX files")
     helper = onnx.helper
@@ -67,8 +66,6 @@ def to_onnx(policy: Exported, front_end: FrontEnd | None = None) -> bytes:
     graph = _Graph(onnx)
     temperature = ""
     if isinstance(policy, ActorPolicy):
-        if front_end is not None:
-            raise UserError("a front end is of discrete actions: leave out --front-end")
         graph.actor(policy)
         outputs = [info(ACTIONS, kinds.FLOAT, ["batch", policy.action_size])]
     else:
@@ -137,14 +134,15 @@ class _Graph:
         self.nodes.append(node)
         return name
 
-    def sense(self, policy: Any, front_end: FrontEnd) -> int:
+    def sense(self, policy: Exported, front_end: FrontEnd) -> int:
         """Put a front end before the policy's nodes and behind them; return its memory's length."""
         n_features = policy.n_features
-        actions = len(front_end.ego.changes)
-        if policy.n_actions != actions:
+        counts = policy.n_actions, front_end.ego.n_actions
+        if counts[0] != counts[1]:
+            own, of_road = (f"{count or 'continuous'} actions" for count in counts)
             raise UserError(
-                f"the policy has {policy.n_actions} actions, the front end's road {actions}: name "
-                "its road by --world"
+                f"the policy has {own}, the front end's road {of_road}: name its road by --world, "
+                "as merge or intersection,control=continuous"
             )
         if n_features < 2 * ROW or n_features % ROW > 1:
             raise UserError("a front end is of rows of vehicles: leave out --front-end")
@@ -155,8 +153,11 @@ class _Graph:
         estimate, memory = front_end.see(Node(self, SENSED), Node(self, MEMORY), sensed, xp=xp)
         self.add("Identity", [estimate.name], INPUT)
         self.nodes += nodes
-        chosen = Node(self, self.add("Cast", [ACTIONS], "chosen", to=1))
-        after = front_end.decided(memory, xp.shaped(chosen, 1), sensed, xp)
+        actions = Node(self, ACTIONS)
+        if policy.n_actions:
+            number = Node(self, self.add("Cast", [ACTIONS], "chosen", to=1))
+            actions = xp.shaped(number, 1)
+        after = front_end.decided(memory, actions, sensed, xp)
         self.add("Identity", [after.name], NEXT)
         return front_end.memory(1, sensed).shape[1]
 

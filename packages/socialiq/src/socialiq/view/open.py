@@ -31,6 +31,7 @@ from socialiq.view.driven import FIRST_ANGLE, driven_view
 from socialiq.worlds.files import installed, loaded
 from socialiq.worlds.grammar import road_of
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.world import with_time
 
 GROUP = "socialiq.views"
 _OF_RECORDINGS = "socialiq_recordings.view:recording_view"
@@ -190,8 +191,8 @@ class PolicyDecider:
         fits = 1 <= rows <= MOST_ROWS and times.shape == (rows,)
         if not fits or observations.shape[1] != n_features or not np.isfinite(observations).all():
             raise unknown
-        if self.loaded.record.interface.n_features == n_features + 1:
-            observations = np.column_stack([observations, times])
+        clock = self.loaded.record.interface.n_features == n_features + 1
+        observations = with_time(observations, times, clock)
         angle = question.get("angle")
         degrees = self._angle
         if self.turns and angle is not None:

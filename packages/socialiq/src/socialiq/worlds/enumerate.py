@@ -15,7 +15,7 @@ from socialiq.foreign import Later
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import Contact
-from socialiq.worlds.world import observed_with_time, rows_of
+from socialiq.worlds.world import observed_with_time, rows_of, with_time
 
 if TYPE_CHECKING:
     from socialiq.worlds.grid_world import GridWorld, Outcome
@@ -45,9 +45,7 @@ class Table:
             state: Index of each state in this table.
             time: Steps since the start; it is observed only if the world has a clock.
         """
-        features = self.states[state]
-        observed = np.column_stack([features, time]) if self.world.clock else features
-        return observed.astype(np.float32)
+        return with_time(self.states[state], time, self.world.clock).astype(np.float32)
 
     def observations(self) -> Float32[np.ndarray, "row feature"]:
         """Return the observation of every state; with a clock of every time and state."""

@@ -22,7 +22,7 @@ from socialiq.worlds.highway.scenes import Scene
 from socialiq.worlds.highway.world import RoadWorld, SceneWorld, world_of
 from socialiq.worlds.intersection.core.geometry import CROSSING
 from socialiq.worlds.road_users import FIRST_CODE, ROAD_USERS
-from socialiq.worlds.world import Decisions
+from socialiq.worlds.world import Decisions, with_time
 
 jax: Any = Later("jax")
 
@@ -101,8 +101,7 @@ class GridWorldEnv(gymnasium.Env):
         return self._observation(), reward, ending in TERMINAL, ending == Ending.TIMEOUT, info
 
     def _observation(self) -> np.ndarray:
-        features = np.append(self._state, self._time) if self.world.clock else self._state
-        return features.astype(np.float32)
+        return with_time(self._state, self._time, self.world.clock).astype(np.float32)
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""
@@ -175,10 +174,6 @@ def facts_of(decisions: Decisions, at: tuple[int, ...]) -> dict[str, Any]:
     return facts
 
 
-def _timed(observation: np.ndarray, time: np.ndarray, clock: bool) -> np.ndarray:
-    return np.column_stack([observation, time]) if clock else observation
-
-
 class RoadEnv(gymnasium.Env):
     """The intersection, or a scene of highway-env, with the Gymnasium interface.
 
@@ -236,7 +231,7 @@ class RoadEnv(gymnasium.Env):
         if seed is None and not self.batch.begun.all():
             seed = int(self.np_random.integers(2**31))
         observation = self.batch.reset(None if seed is None else [seed])
-        return _timed(observation, self.batch.time, self._clock)[0], {}
+        return with_time(observation, self.batch.time, self._clock)[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one decision. A timeout truncates; every other ending terminates."""
@@ -245,7 +240,7 @@ class RoadEnv(gymnasium.Env):
         ending = int(decisions.ending[0])
         info = facts_of(decisions, (0,))
         reward = float(score(self._weights, decisions.rewards)[0])
-        observation = _timed(decisions.observation, self.batch.time, self._clock)[0]
+        observation = with_time(decisions.observation, self.batch.time, self._clock)[0]
         return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info
 
     def action_masks(self) -> np.ndarray:
@@ -327,7 +322,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
             seed = self.np_random.integers(2**31, size=self.num_envs).tolist()
         self._ended[mask] = False
         chosen = None if seed is None else np.asarray(seed)[mask]
-        return _timed(self.batch.reset(chosen, rows=mask), self.batch.time, self._clock), {}
+        return with_time(self.batch.reset(chosen, rows=mask), self.batch.time, self._clock), {}
 
     def step(
         self, actions: Any
@@ -359,12 +354,12 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
         if not same_step:
             self._ended = ended
         elif ended.any():
-            reached = _timed(decisions.observation, before + 1.0, self._clock)
+            reached = with_time(decisions.observation, before + 1.0, self._clock)
             final = np.full(len(ended), None, object)
             for row in np.flatnonzero(ended):
                 final[row] = reached[row]
             info |= {"final_obs": final, "_final_obs": ended}
-        observation = _timed(self.batch.observation, self.batch.time, self._clock)
+        observation = with_time(self.batch.observation, self.batch.time, self._clock)
         return observation, reward, terminated, truncated, info
 
 

@@ -12,7 +12,7 @@ from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import TERMINAL, Ending
 from socialiq.worlds.gym import facts_of, observations_of
 from socialiq.worlds.registry import make_fleet
-from socialiq.worlds.world import Decisions
+from socialiq.worlds.world import Decisions, with_time
 
 ParallelEnv: Any = optional("pettingzoo", "pettingzoo", "the parallel environment").ParallelEnv
 
@@ -144,7 +144,5 @@ class RoadParallelEnv(ParallelEnv):
         return departures
 
     def _observed(self, observation: np.ndarray) -> dict[str, np.ndarray]:
-        if self._clock:
-            time = self.batch.clocks.reshape(*self.batch.shape, 1)
-            observation = np.concatenate([observation, time], axis=2)
+        observation = with_time(observation, self.batch.clocks, self._clock)
         return {agent: observation[0, self._numbers[agent]] for agent in self.agents}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, runtime_c
 
 import numpy as np
 from gymnasium import Space, spaces
-from jaxtyping import Bool, Float, Float32, Int8, Int64
+from jaxtyping import Bool, Float, Float32, Int8, Int64, Shaped
 
 from socialiq.errors import UserError
 from socialiq.types import ROWS, Memoryless, Policy, RewardPair
@@ -274,24 +274,34 @@ class ConstantPolicy(Memoryless):
         return np.asarray(self.action)
 
 
+def with_time(
+    observation: Shaped[np.ndarray, "*batch feature"], time: Any, clock: bool = True
+) -> Shaped[np.ndarray, "*batch observed"]:
+    """Return observations that end with the time, the clock of every world; or without a clock.
+
+    Args:
+        observation: Observations without the time, (*batch, feature).
+        time: Decisions since the last reset, as the world shows them, (*batch) or of its agents.
+        clock: Whether the time is shown; if not, the observations are returned as they are.
+    """
+    if not clock:
+        return observation
+    column = np.reshape(time, (*observation.shape[:-1], 1))
+    return np.concatenate([observation, column], axis=-1)
+
+
 def observed_with_time(
-    observation: Float32[np.ndarray, "batch feature"],
-    time: Float32[np.ndarray, " batch"],
-    policy: Any,
-) -> Float32[np.ndarray, "batch observed"]:
+    observation: Shaped[np.ndarray, "*batch feature"], time: Any, policy: Any
+) -> Shaped[np.ndarray, "*batch observed"]:
     """Return what a policy observes: with the time at the end if it has one feature more.
 
     Args:
-        observation: Observations without the time.
-        time: Decisions since the last reset of each episode.
+        observation: Observations without the time, (*batch, feature).
+        time: As for `with_time`.
         policy: Its `n_features` decides; a policy without this attribute gets no time.
-
-    Returns:
-        The observations, or a copy of them with the time as last column.
     """
-    if getattr(policy, "n_features", None) != observation.shape[1] + 1:
-        return observation
-    return np.column_stack([observation, time])
+    clock = getattr(policy, "n_features", None) == observation.shape[-1] + 1
+    return with_time(observation, time, clock)
 
 
 def rows_of(rows: Sequence[int] | np.ndarray | None, size: int) -> Bool[np.ndarray, " batch"]:

@@ -30,6 +30,7 @@ from socialiq.audit.profile.fields import LAST_DIRECTION
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.verdict.decision import Decision, slowest
+from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
 from socialiq.social.angle_rule import AngleRule, angle_words
 from socialiq.statistics import betting, intervals
@@ -177,12 +178,17 @@ def direction_test(
         pass_error: Largest chance of a wrong pass.
         fail_error: Largest chance of a wrong fail.
         ends_only: Whether only the two drivers of the test are compared.
+
+    Raises:
+        UserError: If a width is declared and neither a clip nor the world limits the rewards.
     """
     width = profile.margin.width
     drivers = drivers_of(evidence.references)
     ends = ends_of(drivers, profile.angle, width)
     tested = [None if end is None else driver_of(drivers, end) for end in ends]
     bounded = _is_bounded(profile)
+    if width is not None and not bounded:
+        raise UserError("margin.width needs limits of the rewards: add [clip]")
     compared = [row for row in drivers if bounded and (not ends_only or row in tested)]
     values, limits = _differences(profile, evidence.policy, compared)
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]

@@ -32,6 +32,9 @@ class EgoModel:
     # of the number of the target speed, or m/s², by action
     changes: tuple[float, ...] = (-1.0, 0.0, 1.0)
     accelerates: bool = False
+    # Whether a sub-step moves an ego that accelerates by the mean of its speeds, until it stands;
+    # else a sub-step moves it first and changes its speed then.
+    ballistic: bool = False
     speeds: tuple[float, ...] = _USUAL.target_speeds  # m/s
     first: float = _USUAL.max_speed  # target speed at the begin of an episode, m/s
     sub_step: float = 1.0 / _USUAL.simulation_frequency  # s
@@ -72,6 +75,11 @@ class EgoModel:
             decisions=options.decisions,
             exit=exit,
         )
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions; 0 where they are continuous, as `ActorPolicy.n_actions`."""
+        return len(self.changes) if len(self.changes) > 1 else 0
 
     @property
     def per_second(self) -> np.ndarray:

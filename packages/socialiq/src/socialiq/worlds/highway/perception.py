@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError, one_of
 from socialiq.settings import assignments, changed
@@ -211,15 +211,23 @@ class FrontEnd:
         """Whether rows relative to the ego have to be moved with it."""
         return self.ego.relative and bool(self.latency or self.track or self.noise)
 
-    def memory(self, size: int, features: int) -> Float32[np.ndarray, "batch value"]:
-        """Return the memory at the beginning of episodes: zeros.
+    def memory(
+        self, size: int, features: int, targets: Float[np.ndarray, " batch"] | None = None
+    ) -> Float32[np.ndarray, "batch value"]:
+        """Return the memory at the beginning of episodes.
 
         Args:
             size: Number of episodes.
             features: Length of an observation without the time.
+            targets: Target speed of each ego, m/s; None for that of the world's first ego. An ego
+                that accelerates has none.
         """
-        width = (features // ROW - 1) * TRACK + 1 + self.latency + 2 * self._in_ego_frame
-        return np.zeros((size, width), np.float32)
+        first = (features // ROW - 1) * TRACK
+        width = first + 1 + self.latency + 2 * self._in_ego_frame
+        memory = np.zeros((size, width), np.float32)
+        if targets is not None and self.latency:
+            memory[:, first] = targets.astype(np.float32) - np.float32(self.ego.first)
+        return memory
 
     def see(
         self,
@@ -339,7 +347,7 @@ class FrontEnd:
     def _change(self, action: Any, xp: Arrays) -> Any:
         """Return an action as steps of the target speed, or as an acceleration in m/s²."""
         changes = self.ego.changes
-        if len(changes) == 1:
+        if not self.ego.n_actions:
             return xp.part(action, 0, 1) * np.float32(changes[0])
         change: Any = np.float32(changes[0])
         for number, (lower, upper) in enumerate(pairwise(changes), 1):
@@ -438,16 +446,25 @@ class FrontEnd:
         return ego, vehicles, xp.shaped(after - np.float32(self.ego.first), 1)
 
     def _accelerated(self, speed: Any, waiting: Any, xp: Arrays) -> tuple[Any, Any, Any]:
-        """Return the ego's way in m and its speed in m/s under accelerations; and no target."""
+        """Return the ego's way in m and its speed in m/s under accelerations; and no target.
+
+        Both are exact below the largest speed of a vehicle. Above it the simulator brakes gradually
+        instead of limiting the speed at once.
+        """
         seconds = 1.0 / self.rate
-        share = 0.5 * (seconds - self.ego.sub_step)  # a sub-step moves, then accelerates
+        share = 0.5 * (seconds - (0.0 if self.ego.ballistic else self.ego.sub_step))
         slowest, *_, fastest = self.ego.speeds
         waiting = xp.shaped(waiting, 1, 1 + self.latency)
         driven: Any = np.float32(0.0)
         for number in range(self.latency):
-            acceleration = xp.part(waiting, 1 + number, 2 + number)
-            reached = xp.limited(speed + acceleration * np.float32(seconds), slowest, fastest)
-            driven = driven + speed * np.float32(seconds) + (reached - speed) * np.float32(share)
+            change = xp.part(waiting, 1 + number, 2 + number) * np.float32(seconds)
+            reached = xp.limited(speed + change, slowest, fastest)
+            way = speed * np.float32(seconds) + (reached - speed) * np.float32(share)
+            if self.ego.ballistic:
+                stands = xp.at_most(speed + change, np.float32(0.0))
+                moving = speed / xp.limited(np.float32(-1.0) * change, TINY, np.inf)  # of the time
+                way = way * (np.float32(1.0) - stands * (np.float32(1.0) - moving))
+            driven = driven + way
             speed = reached
         return driven, speed, xp.part(waiting, 0, 1) + np.float32(self.ego.first)
 
@@ -466,8 +483,8 @@ class FrontEnd:
         now = speed
         for number in range(self.latency):
             change = xp.part(waiting, 1 + number, 2 + number)
-            level = xp.rounded((now - lowest) / step) + change
-            level = xp.limited(level, 0.0, len(speeds) - 1.0)
+            level = xp.limited(xp.rounded((now - lowest) / step), 0.0, len(speeds) - 1.0)
+            level = xp.limited(level + change, 0.0, len(speeds) - 1.0)
             moving = change * change
             target = moving * (level * step + lowest) + (unit - moving) * target
             lag = (now - target) * np.float32((1.0 - left) / SPEED_GAIN)

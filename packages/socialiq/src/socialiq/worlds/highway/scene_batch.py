@@ -7,7 +7,7 @@ import importlib
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import RewardPair
@@ -108,6 +108,7 @@ class Batch(RoadBatch):
         self.n_actions = len(scene.actions)
         self.faster = scene.actions.index("faster")
         self.idle = scene.actions.index("idle")
+        self._slower = scene.actions.index("slower")
         self.walks = options if isinstance(options, PeopleOptions) else None
         self._along = along_route_of(scene, options) if options.along_route else None
         self._by_class = by_class
@@ -187,6 +188,36 @@ class Batch(RoadBatch):
     def signal_names(self) -> tuple[str, ...]:
         """Names of the signals that define the rewards, without effects."""
         return (*SIGNALS, *self.walks.signals) if self.walks else SIGNALS
+
+    def near(self, seconds: float) -> Bool[np.ndarray, " row"]:
+        """Return whether each first agent reaches a person within some seconds.
+
+        The person comes into its lane or is in it (`core.people.near`).
+
+        Args:
+            seconds: Time, s.
+        """
+        from socialiq.worlds.highway.core.compile import run_in_parts
+        from socialiq.worlds.highway.core.people import near
+
+        buffers = self.buffers
+        people_near = np.zeros(self.size, bool)
+        records = buffers.episodes, buffers.vehicles, buffers.people
+        options = self.road, self._settings, float(seconds)
+        run_in_parts(near, 1, self.size, *records, *options, people_near)
+        return people_near
+
+    def braked(self, actions: np.ndarray) -> np.ndarray:
+        """Return the actions that brake most; the steering of continuous ones is kept.
+
+        Args:
+            actions: Actions of some or all rows.
+        """
+        if not self.options.continuous:
+            return np.full_like(actions, self._slower)
+        braking = np.array(actions)
+        braking[..., 0] = -1.0
+        return braking
 
     def _decisions(self) -> Decisions:
         from socialiq.worlds.highway.core import step  # import Numba only when it is needed

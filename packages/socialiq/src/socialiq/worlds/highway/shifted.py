@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float, Float32
 
 from socialiq.worlds.highway import shifts
 from socialiq.worlds.highway.batch import RoadBatch
@@ -102,9 +102,18 @@ class ShiftedBatch(RoadBatch):
         self._key[chosen] = shifts.key_of(keys)
         self._late[chosen] = shifts.values_of(self._drawn, "latency", self._key[chosen])
         self._queue[chosen] = self._still
-        self._memory[chosen] = 0.0
+        if self._front_end is not None:
+            width = self._shown.shape[1]
+            targets = None if self._faults.ego.accelerates else self._targets()[chosen]
+            self._memory[chosen] = self._front_end.memory(len(keys), width, targets)
         self._show(chosen)
         return self.observation
+
+    def _targets(self) -> Float[np.ndarray, " result"]:
+        """Return the target speed of every agent, m/s: agents may enter at unlike speeds."""
+        agents = self.buffers.episodes["controlled"][:, : self.options.agents]
+        rows = np.arange(self.size)[:, None]
+        return self.buffers.vehicles["target_speed"][rows, agents].ravel()
 
     def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
         """Take one decision in some rows; agents with latency carry out an earlier action.

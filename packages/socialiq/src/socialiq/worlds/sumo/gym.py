@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from jaxtyping import Bool
 
 from socialiq.errors import UserError
 from socialiq.social.angle import check_angle, score, weights
@@ -18,8 +19,9 @@ from socialiq.worlds.highway.options import ENV_SIGNALS, FEATURES, settings_of
 from socialiq.worlds.intersection.options import ACTIONS
 from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import CLASSES
-from socialiq.worlds.sumo.simulation import Episode, Result
+from socialiq.worlds.sumo.simulation import Episode, Result, class_of, gap_ahead
 from socialiq.worlds.sumo.traffic import Scene, SumoOptions
+from socialiq.worlds.world import with_time
 
 
 class State(NamedTuple):
@@ -127,10 +129,37 @@ class SumoEnv(gymnasium.Env):
             }
         return RewardPair(float(r_env), float(r_social)), signals
 
+    @property
+    def walks(self) -> bool:
+        """Whether people walk or ride: a file of routes may have some, too."""
+        options = self.options
+        rates = options.pedestrian_rate, options.bicycle_rate
+        return bool(options.demand) or max(rates) > 0.0
+
+    def near(self, seconds: float) -> Bool[np.ndarray, " 1"]:
+        """Return whether the ego reaches a person in its way within some seconds.
+
+        Args:
+            seconds: Time, s.
+        """
+        assert self.episode is not None
+        ego, *bodies = self.episode.bodies
+        reach = seconds * max(ego.speed, self.options.road.target_speeds[1])
+        people = [body for body in bodies if class_of(body.name) != "vehicle"]
+        return np.array([any(gap_ahead(ego, person, seconds) < reach for person in people)])
+
+    def braked(self, actions: np.ndarray) -> np.ndarray:
+        """Return the number of the action `slower` in the place of each action.
+
+        Args:
+            actions: Numbers of actions.
+        """
+        return np.full_like(actions, ACTIONS.index("slower"))
+
     def _observation(self) -> np.ndarray:
         assert self.episode is not None
-        time = np.array([len(self.episode.actions)] if self._clock else [], np.float32)
-        return np.append(self.episode.observation, time)
+        time = np.float32(len(self.episode.actions))
+        return with_time(self.episode.observation, time, self._clock)
 
     def save(self) -> State:
         """Return the state of the episode."""

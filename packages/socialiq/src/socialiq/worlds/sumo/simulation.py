@@ -40,6 +40,8 @@ SETTINGS = (
 its time though others wait to enter on its edge, and no schema is fetched or read."""
 
 _CLEARED = 20.0  # m around the ego's entry
+_FRONT = 2.5  # m from the ego's middle to its front
+_STRIP = 1.5  # m to either side of the ego's middle in which a person is in its way
 _ARRIVED_AT = 25.0  # m along the ego's last edge
 _OWN_SPEED = 0  # speed mode without any check of SUMO
 _SUMOS_SPEED = 31  # speed mode with all checks of SUMO
@@ -98,6 +100,32 @@ class Result(NamedTuple):
 def class_of(name: str) -> str:
     """Return the class of a road user, with which its name begins."""
     return name.rstrip("0123456789.")
+
+
+def gap_ahead(ego: Body, person: Body, seconds: float) -> float:
+    """Return the metres from the ego's front to a person in its way, infinite if there is none.
+
+    A person beside the way, straight on along the ego's heading, counts where its own velocity
+    leads it in.
+
+    Args:
+        ego: The ego.
+        person: The person, on foot or on a bicycle.
+        seconds: Time within which the person has to get into the way, s.
+    """
+    dx = person.x - ego.x
+    dy = person.y - ego.y
+    ahead = dx * ego.along_x + dy * ego.along_y
+    left = dy * ego.along_x - dx * ego.along_y
+    across = person.along_y * ego.along_x - person.along_x * ego.along_y
+    along = person.along_x * ego.along_x + person.along_y * ego.along_y
+    beside = abs(left) - _STRIP
+    closing = -math.copysign(1.0, left) * across * person.speed
+    if beside > 0.0:
+        if beside > seconds * closing:
+            return math.inf
+        ahead += beside / closing * along * person.speed
+    return ahead - _FRONT if ahead > 0.0 else math.inf
 
 
 def library() -> Any:
