@@ -17,6 +17,7 @@ import onnx
 import onnxruntime
 import torch
 
+import socialiq
 from socialiq.audit.request import SHIPPED_DIAL
 from socialiq.cli.main import main
 from socialiq.evaluation.episodes import episodes_of
@@ -66,9 +67,11 @@ def grid(table7):
     return np.resize(seen, (DECISIONS, seen.shape[1])).astype(np.float32)
 
 
-def network(n_features, view="flat", one_hot=(), activation="relu", hidden=(32, 16), seed=0):
+def network(
+    n_features, view="flat", one_hot=(), activation="relu", hidden=(32, 16), seed=0, n_actions=3
+):
     made = QNetwork.initialise(
-        jax.random.key(seed), n_features, hidden, 3, activation, view, one_hot
+        jax.random.key(seed), n_features, hidden, n_actions, activation, view, one_hot
     )
     return QPolicy.of(made, 0.5, {"learner": "none", "numbers": {"angle": 45.0}})
 
@@ -129,6 +132,20 @@ def test_policies_of_the_atlas(name, intersection, tmp_path):
 def test_every_view(view, activation, intersection, tmp_path):
     policy = network(70, view, activation=activation)
     assert_same(policy, apart(policy, intersection), tmp_path)
+
+
+@pytest.mark.parametrize("view", ["set", "flat_relative_scaled"])
+def test_views_of_the_route(view, tmp_path):
+    batch = socialiq.world("merge,observation=route").batch(40)
+    batch.reset(seeds=0)
+    rng = np.random.default_rng(1)
+    observations = []
+    for _ in range(10):
+        observations.append(batch.observation)
+        batch.step(rng.integers(batch.n_actions, size=batch.size))
+    observations = np.concatenate(observations)
+    policy = network(observations.shape[1], view, n_actions=batch.n_actions)
+    assert_same(policy, apart(policy, observations), tmp_path)
 
 
 @pytest.mark.parametrize("hidden", [(), (8,)])

@@ -14,6 +14,7 @@ from socialiq.nn.q_network import QNetwork, affine_layers, encoding
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import (
     CHOICES,
+    ROUTE,
     ROW,
     SECONDS,
     Choice,
@@ -304,3 +305,43 @@ def test_a_policy_with_a_clock_is_read_as_it_was_written(tmp_path: Path) -> None
     assert again.n_features == VEHICLES * ROW + 1
     with pytest.raises(UserError, match="reads rows of 7"):
         encoding(jax.random.key(0), VEHICLES * ROW, "set", times=20)
+
+
+def route_observations(count: int = 40) -> np.ndarray:
+    """Random observations along a route, of which each has fewer road users than the one before."""
+    ego, user = ROUTE
+    rng = np.random.default_rng(2)
+    observation = rng.uniform(-1, 1, (count, ego + 5 * user)).astype(np.float32)
+    users = observation[:, ego:].reshape(count, 5, user)
+    present = np.arange(5) < 5 - np.arange(count)[:, None] % 6
+    users[..., 0] = 1.0
+    users *= present[..., None]
+    return observation
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if CHOICES[name]])
+def test_a_view_of_the_route_reads_its_numbers_as_they_are(name: str, tmp_path: Path) -> None:
+    observation = route_observations()
+    drawn = QNetwork.initialise(jax.random.key(0), observation.shape[1], (8,), 3, view=name)
+    policy = QPolicy.of(drawn, 0.5, {})
+    view: Any = policy.view
+    assert view.choice.layout == ROUTE
+    q = policy.q_values(observation)
+    np.testing.assert_allclose(np.asarray(jax.vmap(drawn)(observation)), q, atol=1e-5)
+    np.testing.assert_array_equal(view(observation)[:, : ROUTE[0]], observation[:, : ROUTE[0]])
+    if view.choice.pooled:
+        reverse = observation.copy()
+        users = reverse[:, ROUTE[0] :].reshape(len(reverse), 5, ROUTE[1])
+        users[:] = users[:, ::-1].copy()
+        np.testing.assert_allclose(policy.q_values(reverse), q, atol=1e-5)
+        np.testing.assert_allclose(PresentRows(view)(observation), view(observation), atol=1e-5)
+    policy.save(tmp_path / "route.safetensors")
+    loaded: Any = QPolicy.load(tmp_path / "route.safetensors")
+    assert loaded.view.choice == view.choice
+    np.testing.assert_array_equal(loaded.q_values(observation), q)
+
+
+def test_an_observation_of_no_layout_has_no_view() -> None:
+    for length in (ROUTE[0] + ROUTE[1] + 1, ROUTE[0], ROW, 2 * ROW + 1):
+        with pytest.raises(UserError, match="use the view flat"):
+            encoding(jax.random.key(1), length, "set")

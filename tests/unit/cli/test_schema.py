@@ -1,0 +1,69 @@
+"""Policies of the observation along the route: one file for every road, refused where rows are."""
+
+import json
+
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.nn.q_policy import QPolicy
+from socialiq.policies.interface import Interface
+
+ROUTE = "intersection,observation=route"
+
+
+@pytest.fixture(name="demonstrations", scope="module")
+def demonstrations_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data") / "demo.safetensors"
+    words = ["--driver", "gap_3s", "--episodes", "6", "--out", str(path)]
+    assert main(["collect", ROUTE, *words]) == 0
+    return path
+
+
+@pytest.fixture(name="policy", scope="module")
+def policy_file(demonstrations, tmp_path_factory):
+    out = tmp_path_factory.mktemp("run") / "run"
+    words = ["--updates", "5", "--hidden", "8", "--set", "view=set", "--out", str(out)]
+    assert main(["train", "iq-learn", str(demonstrations), "--angle", "45", *words]) == 0
+    return out / "policy_angle45.safetensors"
+
+
+def test_a_file_names_the_schema_of_its_observations(policy):
+    assert QPolicy.load(policy).provenance["observation"] == "route-1"
+
+
+@pytest.mark.parametrize(
+    "world", [ROUTE, "merge,observation=route", "road,seed=3,observation=route,unseen=0.5"]
+)
+def test_one_policy_drives_on_every_road(policy, world, capsys):
+    capsys.readouterr()
+    words = ["--world", world, "--episodes", "4", "--json"]
+    assert main(["evaluate", str(policy), *words]) == 0
+    assert json.loads(capsys.readouterr().out)
+
+
+def test_a_world_of_rows_refuses_it_and_names_the_mend(policy, capsys):
+    assert main(["evaluate", str(policy), "--world", "merge", "--episodes", "2"]) != 0
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "route-1" in line and "add observation=route to the world" in line
+
+
+def test_a_policy_of_rows_is_refused_along_the_route(capsys):
+    assert main(["evaluate", "prosocial", "--world", ROUTE, "--episodes", "2"]) != 0
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "rows-1" in line and "leave observation=route out of the world" in line
+
+
+def test_a_gridworld_has_no_route(capsys):
+    assert main(["evaluate", "x", "--world", "crossing7,observation=route"]) != 0
+    assert "observe the state of its cells" in capsys.readouterr().err
+
+
+def test_an_unknown_schema_is_answered_with_those_that_there_are(capsys):
+    assert main(["evaluate", "idm", "--world", "merge,observation=lidar"]) != 0
+    assert "rows, route" in capsys.readouterr().err
+
+
+def test_records_name_a_schema_other_than_rows():
+    route = Interface(674, 5, schema="route-1")
+    assert Interface.of_json(route.as_json()) == route
+    assert "schema" not in Interface(70, 3, schema="rows-1").as_json()
