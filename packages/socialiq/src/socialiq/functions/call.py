@@ -34,7 +34,7 @@ Drivers = str | Path | Saved | Policy | Policies | Sequence[Any]
 """A driver or several, as text or objects; or those of a training."""
 Worlds = str | World | Sequence[str | World]
 """A world or several, as text or objects."""
-Angles = float | Sequence[float] | None
+Angles = float | Sequence[float] | Sequence[int] | None
 """An angle in degrees or several; None is the command's default."""
 Seeds = int | Sequence[int]
 """A seed or several."""

@@ -40,7 +40,7 @@ def collect(
     seed: Seeds = 0,
     out: str | Path | None = None,
     **options: Any,
-) -> Demonstrations | Result: ...
+) -> Any: ...
 
 
 def collect(

@@ -85,7 +85,10 @@ def effects(
 
 
 def solve(
-    world: Worlds, angle: float | Sequence[float] = 0.0, *, stationary: bool = False
+    world: Worlds,
+    angle: float | Sequence[float] | Sequence[int] = 0.0,
+    *,
+    stationary: bool = False,
 ) -> Result:
     """Compute the exact optimum of a gridworld at social angles.
 
