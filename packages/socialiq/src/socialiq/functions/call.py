@@ -90,8 +90,11 @@ def over(
     for command in commands:
         with called(command):
             outcomes.append(work(command))
-    if not any(several):
-        return outcomes[0]
+    return _joined(key, combinations, outcomes) if any(several) else outcomes[0]
+
+
+def _joined(key: str, combinations: Sequence[Sequence[_Value]], outcomes: Sequence[Any]) -> Result:
+    """Return the table of several calls; its repr leaves out intervals and constant texts."""
     table = list[Row]()
     labels = dict[str, None]()
     for values, outcome in zip(combinations, outcomes, strict=True):
@@ -104,11 +107,24 @@ def over(
         labels |= dict.fromkeys([*cells, *(outcome.labels if is_result else ("mode",))])
     table = filled(table)
     labels = [column for column in labels if "seed" not in column]
-    shown = [
-        {name: cell for name, cell in row.items() if not name.endswith(("_low", "_high"))}
-        for row in table
+    of_command = outcomes[0].rows[0] if isinstance(outcomes[0], Result) else {}
+    if len(of_command.keys() & table[0].keys()) < 2:  # it prints a row for each number
+        of_command = table[0]
+    constants = [
+        name
+        for name, cell in table[0].items()
+        if not is_number(cell) and all(row[name] == cell for row in table)
     ]
-    return Result({key: table}, shown, "", table, labels, outcomes)
+    printed = [
+        name
+        for name in table[0]
+        if name in (*of_command, *labels, "seed", "training_seed")
+        and name not in constants
+        and not name.endswith(("_low", "_high"))
+    ]
+    rows = [{name: row[name] for name in printed} for row in table]
+    title = ", ".join(f"{name} {table[0][name]}" for name in constants if table[0][name] != "")
+    return Result({key: table}, rows, title, table, labels, outcomes)
 
 
 def _values(option: str, value: Any, column: str) -> list[_Value]:
