@@ -399,6 +399,11 @@ def test_trained_policies_are_measured_with_their_angles_and_seeds():
     assert [(row["trained_angle"], row["seeds"]) for row in means] == [(0.0, 2), (90.0, 2)]
     regrets = [row["regret"] for row in result.table]
     assert means[0]["regret"] == pytest.approx(np.mean(regrets[:2]))
+    totals = [np.mean([row[name] for row in result.table[:2]]) for name in ("r_env", "r_social")]
+    assert means[0]["angle"] == pytest.approx(np.degrees(np.arctan2(totals[1], totals[0])))
+    assert "angle_error" not in means[0]
+    caused = socialiq.effects("crossing5", policies)
+    assert [(row["trained_angle"], row["seeds"]) for row in caused.means()] == [(0.0, 2), (90.0, 2)]
     files = socialiq.export(policies, "policy.md")["files"]
     assert [row["out"] for row in files] == [f"policy-policy{run}.md" for run in range(4)]
 

@@ -27,6 +27,7 @@ from socialiq.learners.callbacks import Report
 from socialiq.outputs import refuse_existing
 from socialiq.reading import path_of
 from socialiq.results_folder import as_csv
+from socialiq.social.angle import angle_of
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Row
@@ -99,7 +100,8 @@ class Result(Mapping[str, Any]):
         Returns:
             A row for each combination of labels: these, the number of `seeds`, and of each number
             its mean and `..._error`, the standard error of the mean, which is NaN for one seed.
-            Intervals are left out, because they describe the episodes of one row.
+            Intervals are left out, because they describe the episodes of one row. Angles have no
+            mean: `angle` is that of the mean rewards.
         """
         seeds = ("training_seed", "seed")
         over = next((name for name in seeds if name in self.table[0]), "")
@@ -112,13 +114,16 @@ class Result(Mapping[str, Any]):
             rows = [row for of_seed in by_seed.values() for row in of_seed]
             mean: Row = {**dict(label), "seeds": len(by_seed)}
             for name in rows[0]:
-                left_out = name in (*mean, *seeds) or name.endswith(("_low", "_high"))
+                left_out = name in (*mean, *seeds, "angle", "angle_hat")
+                left_out = left_out or name.endswith(("_low", "_high"))
                 if left_out or not all(is_number(row[name]) for row in rows):
                     continue
                 values = [np.mean([row[name] for row in of_seed]) for of_seed in by_seed.values()]
                 mean[name] = float(np.mean(values))
                 error = np.std(values, ddof=1) / len(values) ** 0.5 if len(values) > 1 else np.nan
                 mean[f"{name}_error"] = float(error)
+            if "angle" in rows[0] and "angle" not in mean and {"r_env", "r_social"} <= mean.keys():
+                mean["angle"] = angle_of(mean["r_env"], mean["r_social"])
             means.append(mean)
         return filled(means)
 

@@ -103,8 +103,11 @@ def _joined(key: str, combinations: Sequence[Sequence[_Value]], outcomes: Sequen
             cells |= value.cells
         is_result = isinstance(outcome, Result)
         rows = outcome.table if is_result else count_rows(outcome)
-        table += [{**cells, **row} for row in rows]
-        labels |= dict.fromkeys([*cells, *(outcome.labels if is_result else ("mode",))])
+        # A trained policy has its seed and angle in the place of a name.
+        named = ("policy",) if "training_seed" in cells else ()
+        table += [cells | {k: v for k, v in row.items() if k not in named} for row in rows]
+        columns = [*cells, *(outcome.labels if is_result else ("mode",))]
+        labels |= dict.fromkeys(column for column in columns if column not in named)
     table = filled(table)
     labels = [column for column in labels if "seed" not in column]
     of_command = outcomes[0].rows[0] if isinstance(outcomes[0], Result) else {}
