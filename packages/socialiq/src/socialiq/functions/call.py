@@ -75,17 +75,17 @@ def over(
     combinations = [*itertools.product(*filter(None, several))]
     commands = []
     for values in combinations:
-        given = {**options, **{value.option: value.value for value in values}}
-        if isinstance(given.get("world"), World):
-            given["world"] = text_of(given["world"])
-        if values and given.get("out") is not None:
-            out = path_of(given["out"])
+        call = {**options, **{value.option: value.value for value in values}}
+        if isinstance(call.get("world"), World):
+            call["world"] = text_of(call["world"])
+        if values and call.get("out") is not None:
+            out = path_of(call["out"])
             words = "-".join([out.stem, *(value.word for value in values)])
             out = out.with_name(words + out.suffix)
-            if not given.get("replace"):
+            if not call.get("replace"):
                 refuse_existing(out, out.suffix)
-            given["out"] = out
-        commands.append(command_of(name, given))
+            call["out"] = out
+        commands.append(command_of(name, call))
     outcomes = []
     for command in commands:
         with called(command):
