@@ -12,7 +12,7 @@ import highway_env  # noqa: F401  registers roundabout-v0
 import numpy as np
 
 import socialiq
-from socialiq import Hyperparameters, RewardPairWrapper, StaticConfig, Transition
+from socialiq import RewardPairWrapper, Transition
 
 CONFIG = {"simulation_frequency": 5}  # Hz; a third of the default, so about three times as fast
 FASTER, SLOWER = 3, 4
@@ -23,8 +23,8 @@ ENTRY, RING = 25.0, 15.0  # m: where the ego enters, and how near to that anothe
 def pair(step: Transition) -> tuple[float, float]:
     """Speed as a share of the fastest; braking of all others in units of 5 m/s²; -1 for a crash."""
     env: Any = step.env.unwrapped
-    others = [one for one in env.road.vehicles if one is not env.vehicle]
-    braking = sum(max(0.0, -one.action["acceleration"]) for one in others) / 5
+    others = [vehicle for vehicle in env.road.vehicles if vehicle is not env.vehicle]
+    braking = sum(max(0.0, -vehicle.action["acceleration"]) for vehicle in others) / 5
     return env.vehicle.speed / 16 - env.vehicle.crashed, -braking - env.vehicle.crashed
 
 
@@ -55,31 +55,18 @@ def polite(observations: np.ndarray) -> np.ndarray:
 
 def main(episodes: int, updates: int, seeds: int) -> list[dict]:
     """Collect from both drivers, train at three angles, and measure all five."""
-    env = socialiq.make_environment(f"{__file__}:make", allow_code=True)
-    drivers = {
-        one.__name__: socialiq.load_policy(
-            f"python:{__file__}:{one.__name__}", 25, 5, allow_code=True
-        ).policy
-        for one in (pushy, polite)
-    }
-    pools = {
-        mode: socialiq.rollout_env(env, driver, episodes, seed=0, mode=mode).transitions
-        for mode, driver in drivers.items()
-    }
-    mixed = socialiq.equal_trajectories(pools, episodes, seed=0)
-    static = StaticConfig(updates=updates, online=False, value_term="value_expert")
-    hyperparameters = [
-        Hyperparameters(angle, 3.0, seed=seed) for angle in ANGLES for seed in range(seeds)
-    ]
-    trained = socialiq.train(static, hyperparameters, [mixed])
-    policies = {
-        f"{one.angle:g}, seed {one.seed}": trained.policy(i)
-        for i, one in enumerate(hyperparameters)
-    }
-    rows = []
-    for name, policy in {**drivers, **policies}.items():
-        found = socialiq.rollout_env(env, policy, episodes, seed=10_000).metrics()
-        rows.append({"driver": name, **found._asdict()})
+    world = f"{__file__}:make"
+    own: dict[str, Any] = {"allow_code": True}
+    drivers = {name: f"python:{__file__}:{name}" for name in ("pushy", "polite")}
+    mixed = socialiq.collect(world, drivers, episodes=episodes, **own)
+    settings: dict[str, Any] = {"value_term": "value_expert", "strength": 3.0, "updates": updates}
+    policies = socialiq.train("iq-learn", mixed, angle=ANGLES, seed=range(seeds), **settings)
+    how: dict[str, Any] = {"episodes": episodes, "seed": 10_000, **own}
+    rules = [socialiq.evaluate(driver, world, **how) for driver in drivers.values()]
+    rows = [{"driver": name, **rule} for name, rule in zip(drivers, rules, strict=True)]
+    for row in socialiq.evaluate(policies, world, **how).table:
+        name = f"{row['trained_angle']:g}, seed {row['training_seed']}"
+        rows.append({"driver": name, **row})
     return rows
 
 

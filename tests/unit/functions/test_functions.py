@@ -14,6 +14,7 @@ from safetensors.numpy import load_file
 
 import socialiq
 from socialiq.cli.main import main
+from socialiq.cli.output import Result
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
@@ -122,6 +123,8 @@ def test_evaluate_several_policies_at_several_angles(capsys):
     objects = [network(), network(seed=1)]
     assert numbers(socialiq.evaluate(objects, angle=45)) == printed
     turned = socialiq.evaluate(["a.safetensors", "b.safetensors"], angle=[45, 90])
+    names = [{"policy": row.pop("policy")} for row in turned["policies"]]
+    assert names == [{"policy": "a.safetensors"}, {"policy": "b.safetensors"}] * 2
     assert numbers(turned["policies"][:2]) == printed["policies"]
     assert [row["target_angle"] for row in turned["policies"]] == [45.0, 45.0, 90.0, 90.0]
 
@@ -332,6 +335,7 @@ def test_load_reads_what_was_written():
         (lambda: socialiq.evaluate("none.safetensors"), "none.safetensors"),
         (lambda: socialiq.evaluate([]), "no policy: name at least one file"),
         (lambda: socialiq.effects("intersection", []), "no driver is named"),
+        (lambda: socialiq.solve("crossing5", []), "angle is empty: give at least one value"),
         (lambda: socialiq.export("nemo", "a.md"), "no policy 'nemo': name a file"),
         (lambda: socialiq.export("prosocial", "a.png"), "unknown ending '.png': choose one of"),
         (lambda: UNTYPED.audit(3, "profile.toml"), "policy is of the type int: pass str"),
@@ -355,6 +359,91 @@ def test_functions_print_nothing(capsys):
     data = socialiq.collect("crossing5", episodes=2)
     socialiq.train("behaviour-cloning", data, weighted=True, **TINY)
     assert capsys.readouterr() == ("", "")
+
+
+def test_each_seed_of_an_evaluation_is_a_row_and_means_have_standard_errors(tmp_path):
+    network().save("p.safetensors")
+    how: Any = {"episodes": 20}
+    result = socialiq.evaluate("p.safetensors", angle=[0, 90], seed=range(3), **how)
+    single = [
+        dict(socialiq.evaluate("p.safetensors", angle=angle, seed=seed, **how))
+        for angle in (0, 90)
+        for seed in range(3)
+    ]
+    assert [{name: row[name] for name in single[0]} for row in result["policies"]] == single
+    assert [row["seed"] for row in result.table] == [0, 1, 2] * 2
+    assert [dict(outcome) for outcome in result.outcomes] == single
+    means = result.means()
+    assert [row["target_angle"] for row in means] == [0.0, 90.0]
+    values = [row["regret"] for row in single[3:]]
+    assert means[1]["regret"] == pytest.approx(np.mean(values))
+    assert means[1]["regret_error"] == pytest.approx(np.std(values, ddof=1) / 3**0.5)
+    assert means[1]["seeds"] == 3 and not any(name.endswith("_low") for name in means[0])
+    text = result.to_csv("table.csv")
+    assert Path("table.csv").read_text() == text and len(text.splitlines()) == 7
+    with pytest.raises(socialiq.UserError, match=r"table\.csv exists"):
+        result.to_csv("table.csv")
+
+
+def test_trained_policies_are_measured_with_their_angles_and_seeds():
+    data = socialiq.collect("crossing5", episodes=3)
+    how = {"world": "crossing5", "angle": [0, 90], "seed": [4, 5], **TINY}
+    policies = socialiq.train("iq-learn", data, **how)
+    assert [row["seeds"] for row in policies.means()] == [2, 2]
+    result = socialiq.evaluate(policies, "crossing5", angle=45)
+    pairs = [(row["trained_angle"], row["training_seed"]) for row in result.table]
+    assert pairs == [(0.0, 4), (0.0, 5), (90.0, 4), (90.0, 5)]
+    alone = socialiq.evaluate(policies.trained, "crossing5", angle=45)
+    assert [row["regret"] for row in result.table] == [row["regret"] for row in alone["policies"]]
+    means = result.means()
+    assert [(row["trained_angle"], row["seeds"]) for row in means] == [(0.0, 2), (90.0, 2)]
+    regrets = [row["regret"] for row in result.table]
+    assert means[0]["regret"] == pytest.approx(np.mean(regrets[:2]))
+    totals = [np.mean([row[name] for row in result.table[:2]]) for name in ("r_env", "r_social")]
+    assert means[0]["angle"] == pytest.approx(np.degrees(np.arctan2(totals[1], totals[0])))
+    assert "angle_error" not in means[0]
+    caused = socialiq.effects("crossing5", policies)
+    assert [(row["trained_angle"], row["seeds"]) for row in caused.means()] == [(0.0, 2), (90.0, 2)]
+    files = socialiq.export(policies, "policy.md")["files"]
+    assert [row["out"] for row in files] == [f"policy-policy{run}.md" for run in range(4)]
+
+
+def test_several_worlds_of_solve_effects_and_collect():
+    optima = socialiq.solve([socialiq.world("crossing5"), "crossing7"], [0, 45])["optima"]
+    assert [(row["world"], row["angle"]) for row in optima] == [
+        (world, angle) for world in ("crossing5", "crossing7") for angle in (0.0, 45.0)
+    ]
+    worlds = ["intersection", "merge"]
+    result = socialiq.effects(worlds, ["wait", "idm"], episodes=2, seed=[0, 2], out="folder")
+    alone = socialiq.effects("merge", ["wait", "idm"], episodes=2, seed=2)["drivers"]
+    assert [{name: row[name] for name in alone[0]} for row in result.table[-2:]] == alone
+    assert len(result.table) == 8 and len(result.means()) == 4
+    assert Path("folder-world1-seed2", "effects.csv").exists()
+    data = socialiq.collect("crossing5", episodes=2, seed=[1, 2], out="mixed.safetensors")
+    again = socialiq.load("mixed-seed2.safetensors")
+    assert isinstance(data, Result) and len(data.table) == 6
+    assert all(
+        np.array_equal(column, again.arrays()[name])
+        for name, column in data.outcomes[1].arrays().items()
+    )
+    with pytest.raises(socialiq.UserError, match=r"mixed-seed2\.safetensors exists"):
+        socialiq.collect("crossing5", episodes=2, seed=[0, 2], out="mixed.safetensors")
+    assert not Path("mixed-seed0.safetensors").exists()  # refused before the first call works
+
+
+def test_several_audits_are_rows():
+    network().save("p.safetensors")
+    network(seed=1).save("q.safetensors")
+    words = ["profile", "new", "--world", "crossing7", "--angle", "0", "--out", "profile.toml"]
+    assert main([*words, "--date", "2026-01-31"]) == 0
+    policies = ["p.safetensors", "q.safetensors"]
+    result = socialiq.audit(policies, "profile.toml", "out", episodes=20, seed=[7, 8])
+    assert [row["policy"] for row in result["audits"]] == [
+        policy for policy in policies for _ in range(2)
+    ]
+    report = json.loads(Path("out-policy1-seed8", "report.json").read_text())
+    assert report["verdict"]["decision"] == result.table[3]["decision"]
+    assert result.outcomes[3]["policy"]["means"]["arrival"] == result.table[3]["arrival"]
 
 
 def test_what_a_command_complains_of_is_a_warning():

@@ -14,7 +14,7 @@ from socialiq.audit import conduct, log, look, seeds
 from socialiq.audit.report import folder, views
 from socialiq.audit.request import Request, Trust
 from socialiq.audit.verdict.decision import Decision
-from socialiq.cli.output import Display, Printing, Result, print_json, print_table, say
+from socialiq.cli.output import Display, Printing, Result, is_number, print_json, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.parts import check_processes
 from socialiq.isolation import IsolationMode
@@ -140,7 +140,11 @@ class Audit(Printing):
         tests = views.tested(done.report)
         columns = [name for name in tests[0] if name != "name"]  # at most 80 characters wide
         rows = [{name: row[name].replace("−", "-") for name in columns} for row in tests]
-        return Result(done.report, rows, headline)
+        policy = done.report["policy"]
+        outcome = {"policy": policy["record"]["source"], "decision": verdict["decision"]}
+        outcome |= {"regret": done.report["tests"]["regret"]["regret"]}
+        outcome |= {name: value for name, value in policy["means"].items() if is_number(value)}
+        return Result(done.report, rows, headline, [outcome], ("policy",))
 
     def show(self, result: Json, rows: Sequence[Json], title: str = "") -> int:
         """Print the verdict; return its exit status.

@@ -101,8 +101,12 @@ def command_class(name: str) -> type[Any]:
 
 def summary(name: str) -> str:
     """Return the first line of a command's docstring."""
-    definition = _class(*COMMANDS[name].split(":"))
-    return ((definition and ast.get_docstring(definition)) or "").partition("\n")[0]
+    module, class_name = COMMANDS[name].split(":")
+    tree = _source(module)
+    for node in tree.body if tree else ():
+        if isinstance(node, ast.ClassDef) and node.name == class_name:
+            return (ast.get_docstring(node) or "").partition("\n")[0]
+    return ""
 
 
 def help_page(group: str = "") -> str:
@@ -213,12 +217,6 @@ def _options_within(module: str, value: ast.expr) -> list[str]:
     nodes = (node for node in ast.walk(value) if isinstance(node, ast.Name | ast.Attribute))
     names = dict.fromkeys(map(ast.unparse, nodes))
     return [option for name in names for option in declared_options(module, name)]
-
-
-def _class(module: str, name: str) -> ast.ClassDef | None:
-    tree = _source(module)
-    classes = (node for node in tree.body if isinstance(node, ast.ClassDef)) if tree else ()
-    return next((node for node in classes if node.name == name), None)
 
 
 @functools.cache

@@ -25,6 +25,7 @@ from socialiq.outputs import refuse_existing
 from socialiq.policies.load import name_of
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
+from socialiq.types import Row
 from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import is_environment, make_environment
@@ -397,6 +398,14 @@ class FromMinari(_Reader):
         return minari.read_minari(self.folder, mode=self.mode, **options)
 
 
+def count_rows(table: Demonstrations) -> list[Row]:
+    """Return a row for each mode of demonstrations: its episodes and transitions."""
+    return [
+        {"mode": mode, "episodes": episodes, "transitions": transitions}
+        for mode, (episodes, transitions) in table.counts().items()
+    ]
+
+
 def show_counts(command: Any, sha256: str, table: Demonstrations) -> int:
     """Print the numbers of episodes and transitions in a command's file.
 
@@ -408,9 +417,6 @@ def show_counts(command: Any, sha256: str, table: Demonstrations) -> int:
     Returns:
         The exit status 0.
     """
-    counts = [
-        {"mode": mode, "episodes": episodes, "transitions": transitions}
-        for mode, (episodes, transitions) in table.counts().items()
-    ]
+    counts = count_rows(table)
     result = {"file": str(command.out), "sha256": sha256, "modes": counts}
     return command.show(result, counts, f"{command.out}")

@@ -131,7 +131,8 @@ class EffectsOf(Printing):
         short = {name: Path(name).name for name in map(name_of, self.policy)}
         if len({*short.values()}) == len(short):  # paths would be broken over lines
             rows = [row | {"policy": short[row["policy"]]} for row in rows]
-        return Result(result, [{name: row[name] for name in names} for row in rows], _HEADING)
+        short_rows = [{name: row[name] for name in names} for row in rows]
+        return Result(result, short_rows, _HEADING, rows, ("policy", "angle"))
 
     def driven(self, written: Written, episodes: list[Row]) -> tuple[list[Row], Row]:
         """Return a row for each driver on a road, and what was chosen; append episodes."""

@@ -110,12 +110,8 @@ class Evaluate(Printing):
                 sys.stdout.write(f"No pooled angle: {why}.\n")
         return 0
 
-    def result(self, commands: Sequence[Any] = ()) -> Result:
-        """Evaluate.
-
-        Args:
-            commands: This command at several angles; none for this one alone.
-        """
+    def result(self) -> Result:
+        """Evaluate."""
         check_angle(self.angle or 0.0)
         written = self.road.written(self.world)
         is_grid = written.name in GRIDS
@@ -136,17 +132,16 @@ class Evaluate(Printing):
                 raise UserError(f"--data rolls nothing out: leave out {', '.join(options)}")
             check_seed(self.seed)
             return evaluate_data(self, self._policies, self.data)
-        commands = commands or (self,)
-        measured = [pair for command in commands for pair in command.measured()]
-        rows, targets = map(list, zip(*measured, strict=True))
+        rows, targets = map(list, zip(*self.measured(), strict=True))
         if len(rows) == 1:
             return Result(rows[0], listed(rows[0]))
         columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
         columns = (*columns, "length", "target_angle", "regret")
-        names = [Path(name_of(policy)).name for _ in commands for policy in self.policies]
+        names = [Path(name_of(policy)).name for policy in self.policies]
         table = [{"policy": name} | row for name, row in zip(names, rows, strict=True)]
-        table = [{key: row[key] for key in columns if key in row} for row in table]
-        return Result({"policies": rows, "pooled": pool(rows, targets)}, table)
+        short = [{key: row[key] for key in columns if key in row} for row in table]
+        numbers = {"policies": rows, "pooled": pool(rows, targets)}
+        return Result(numbers, short, table=table, labels=("policy",))
 
     def measured(self) -> list[tuple[dict[str, Any], float | None]]:
         """Return a row for each policy, and the angle that it was trained for, if known."""

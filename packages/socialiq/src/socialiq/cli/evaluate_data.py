@@ -44,7 +44,8 @@ def evaluate_data(command: Any, policies: Sequence[Any], data: Path | Demonstrat
     described = {"data": name, "episodes": logged.data.n_episodes, "seed": command.seed}
     results = [{"policy": name, "angles": rows} for name, rows in estimates.items()]
     table = [{"policy": name} | row for name, rows in estimates.items() for row in rows]
-    return Result(described | {"policies": results}, table)
+    numbers = described | {"policies": results}
+    return Result(numbers, table, table=table, labels=("policy", "angle"))
 
 
 def print_estimates(result: Mapping[str, Any]) -> None:

@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from socialiq.learners.callbacks import Report
+from socialiq.outputs import refuse_existing
+from socialiq.reading import path_of
+from socialiq.results_folder import as_csv
+from socialiq.social.angle import angle_of
+from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
+from socialiq.types import Row
 
 _PIPED_WIDTH = 160  # width of a table in a file or a pipe
 _LEAST_WIDTH = 100  # a narrower terminal breaks lines, but numbers stay complete
@@ -52,11 +59,73 @@ class Result(Mapping[str, Any]):
         numbers: The numbers, JSON-compatible.
         rows: The same as rows of a table with equal keys.
         title: Line above the table; "" for none.
+        table: Every number as rows of equal keys, one for each policy, angle and seed; by default
+            the numbers as one row.
+        labels: Columns of the table that say what a row measures, without those of seeds.
+        outcomes: What each call returned, if sequences made several of one.
     """
 
     numbers: Mapping[str, Any]
     rows: Sequence[Mapping[str, Any]]
     title: str = ""
+    table: Sequence[Mapping[str, Any]] = ()
+    labels: Sequence[str] = ()
+    outcomes: Sequence[Any] = ()
+
+    def __post_init__(self) -> None:
+        if not self.table:
+            object.__setattr__(self, "table", (self.numbers,))
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """Return the table as CSV text.
+
+        Args:
+            path: File to write too; must not exist.
+
+        Raises:
+            UserError: If the file exists or can't be written.
+        """
+        text = as_csv([{**row} for row in self.table])
+        if path is not None:
+            refuse_existing(path_of(path), ".csv")
+            write_atomically(path_of(path), text, replace=False)
+        return text
+
+    def means(self) -> list[Row]:
+        """Return the mean and the standard error of each number over seeds.
+
+        The seeds are those of the trainings if the table has them (`training_seed`), else those
+        of the episodes. Rows that agree in every label and in the seed are averaged first.
+
+        Returns:
+            A row for each combination of labels: these, the number of `seeds`, and of each number
+            its mean and `..._error`, the standard error of the mean, which is NaN for one seed.
+            Intervals are left out, because they describe the episodes of one row. Angles have no
+            mean: `angle` is that of the mean rewards.
+        """
+        seeds = ("training_seed", "seed")
+        over = next((name for name in seeds if name in self.table[0]), "")
+        groups = dict[tuple[Any, ...], dict[Any, list[Mapping[str, Any]]]]()
+        for row in self.table:
+            label = tuple((name, row[name]) for name in self.labels if name in row)
+            groups.setdefault(label, {}).setdefault(row.get(over), []).append(row)
+        means = list[Row]()
+        for label, by_seed in groups.items():
+            rows = [row for of_seed in by_seed.values() for row in of_seed]
+            mean: Row = {**dict(label), "seeds": len(by_seed)}
+            for name in rows[0]:
+                left_out = name in (*mean, *seeds, "angle", "angle_hat")
+                left_out = left_out or name.endswith(("_low", "_high"))
+                if left_out or not all(is_number(row[name]) for row in rows):
+                    continue
+                values = [np.mean([row[name] for row in of_seed]) for of_seed in by_seed.values()]
+                mean[name] = float(np.mean(values))
+                error = np.std(values, ddof=1) / len(values) ** 0.5 if len(values) > 1 else np.nan
+                mean[f"{name}_error"] = float(error)
+            if "angle" in rows[0] and "angle" not in mean and {"r_env", "r_social"} <= mean.keys():
+                mean["angle"] = angle_of(mean["r_env"], mean["r_social"])
+            means.append(mean)
+        return filled(means)
 
     def __getitem__(self, name: str) -> Any:
         return self.numbers[name]
@@ -82,12 +151,24 @@ class Policies(Result):
         failures: One line for each run that stopped early.
     """
 
+    labels: Sequence[str] = ("angle", "strength")
     trained: Sequence[Any] = ()
     failures: Sequence[str] = ()
 
     def policy(self, run: int = 0) -> Any:
         """Return the policy or dial of one run, by its number from 0."""
         return self.trained[run]
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a cell of a table is a number; a truth value is none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def filled(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+    """Return rows with the columns of all rows, "" where a row lacks one."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return [{name: row.get(name, "") for name in names} for row in rows]
 
 
 class Printing:

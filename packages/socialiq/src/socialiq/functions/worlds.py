@@ -108,4 +108,5 @@ def _run(folder: Path) -> Policies:
     if not names:
         one_of("run", str(folder), ["a folder of `socialiq train`"])
     rows = record[names[0]]
-    return Policies(record, rows, "", tuple(load(folder / Path(row["file"]).name) for row in rows))
+    trained = tuple(load(folder / Path(row["file"]).name) for row in rows)
+    return Policies(record, rows, table=rows, trained=trained)

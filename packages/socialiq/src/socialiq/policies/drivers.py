@@ -67,7 +67,8 @@ def parse(text: Any) -> Driver:
     """Return the driver of a text, or of an object. A file of exactly this name is meant first.
 
     Raises:
-        UserError: If an angle is no number of degrees.
+        UserError: If an angle is no number of degrees, or what follows a file's name is neither
+            an angle nor a front end.
     """
     if not isinstance(text, str | Path):
         return Driver(text)
@@ -78,7 +79,11 @@ def parse(text: Any) -> Driver:
     if match is None or not (spec := match["spec"]):
         return Driver(text)
     if match["turn"] is None and match["front"] is None:
-        _refuse_malformed(text)
+        for sign, example in (("@", "@60"), ("+", "+latency=1,track=3")):
+            file, divider, _ = text.rpartition(sign)
+            if divider and is_file(file):
+                line = f"'{one_line(text)}': write behind {one_line(file)} for instance {example}"
+                raise UserError(line)
         return Driver(text)
     turn, _, class_turn = (match["turn"] or "").partition("/")
     angle = _degrees(turn, text) if turn else None
@@ -88,16 +93,6 @@ def parse(text: Any) -> Driver:
     if class_angle is not None:
         check_class_angle(class_angle)
     return Driver(spec, angle, class_angle, match["front"] or "")
-
-
-def _refuse_malformed(text: str) -> None:
-    """Refuse a text whose end looks like a turn or a front end, if what is before it exists."""
-    for sign, example in (("@", "@60"), ("+", "+latency=1,track=3")):
-        spec, found, _ = text.rpartition(sign)
-        if found and is_file(spec):
-            raise UserError(
-                f"'{one_line(text)}': write behind {one_line(spec)} for instance {example}"
-            )
 
 
 def _degrees(text: str, driver: str) -> float:

@@ -300,33 +300,29 @@ _TEXTS: dict[str, str] = {}
 
 def build_written(written: Written) -> World:
     """Return the world that is written; see `build`."""
-    world = _built(written)
-    _TEXTS[world.description] = str(written)
-    return world
-
-
-def _built(written: Written) -> World:
     name, options = written
     if name in GRIDS:
-        return _grid(
-            name, chosen := parse_options(name, GRIDS[name].Options, options), repr(chosen)
-        )
-    if name in NAMES:
-        return _road(name, options)
-    if files.names_file(name):
+        chosen = parse_options(name, GRIDS[name].Options, options)
+        world: World = _grid(name, chosen, repr(chosen))
+    elif name in NAMES:
+        world = _road(name, options)
+    elif files.names_file(name):
         values = dict(options)
         sensed = sensed_of(values)
         schema = values.pop("observation", "rows")
         if values:
             raise UserError(_no_option_of_file(next(iter(values))))
-        return files.load_world(name).showing(schema).shifted(**sensed)
-    if written.in_sumo or re.fullmatch(ENVIRONMENT_PATTERN, name):
+        world = files.load_world(name).showing(schema).shifted(**sensed)
+    elif written.in_sumo or re.fullmatch(ENVIRONMENT_PATTERN, name):
         raise UserError(
             f"unknown world '{one_line(name, 80)}': choose one of {', '.join(NAMES)}; "
             "`socialiq.make_environment` makes an environment"
         )
-    one_of("world", name, NAMES)
-    raise AssertionError(name)
+    else:
+        one_of("world", name, NAMES)
+        raise AssertionError(name)
+    _TEXTS[world.description] = str(written)
+    return world
 
 
 def text_of(world: str | World) -> str:

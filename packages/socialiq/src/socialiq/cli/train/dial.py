@@ -349,7 +349,8 @@ class OfflineDial(shared.Training):
         self.labels.say()
         with whole_folder(out) if out else nullcontext() as folder:
             dials, trained = self.write(folder, static, runs, data)
-        return Policies({"out": str(out or ""), "dials": dials}, dials, "", trained)
+        numbers = {"out": str(out or ""), "dials": dials}
+        return Policies(numbers, dials, table=dials, trained=trained)
 
     def write(
         self, folder: Path | None, static: Any, runs: Sequence[Any], data: Demonstrations

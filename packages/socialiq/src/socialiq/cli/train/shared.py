@@ -395,7 +395,8 @@ class RunFolder:
         hidden = "sha256" if self.kind == "policy" else ""
         shown = [{k: v for k, v in row.items() if k != hidden} for row in policies]
         numbers = {"out": str(self.out or ""), PLURALS[self.kind]: policies}
-        outcome = Policies(numbers, shown, "", tuple(self.trained), trained.failures)
+        trainings = {"trained": tuple(self.trained), "failures": trained.failures}
+        outcome = Policies(numbers, shown, table=policies, **trainings)
         if self.out is None:
             return outcome
         history = trained.history
