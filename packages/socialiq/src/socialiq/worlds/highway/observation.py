@@ -155,7 +155,7 @@ OWN = np.dtype(
     ],
     align=True,
 )
-"""What an agent knows of itself."""
+"""Facts that an agent knows of itself."""
 
 TASK = np.dtype(
     [

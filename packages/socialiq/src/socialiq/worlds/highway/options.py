@@ -249,7 +249,7 @@ class SideOptions:
 
 @dataclass(frozen=True)
 class ObservationOptions:
-    """What the ego observes, one of the first bases of a road's options."""
+    """Observation of the ego, one of the first bases of a road's options."""
 
     # schema of the observation: highway-env's rows, or the vector along the ego's route that is the
     # same for every road (`highway.observation`)
