@@ -52,8 +52,9 @@ def check(policy: QPolicy, wanted: jax.Array, seen: np.ndarray) -> None:
     np.testing.assert_array_equal([policy.predict(row)[0] for row in seen[:20]], best[:20])
 
 
-@pytest.mark.parametrize("view", CHOICES)
-@pytest.mark.parametrize("activation", ["relu", "elu"])
+@pytest.mark.parametrize(
+    ("view", "activation"), [("flat", "elu"), *((view, "relu") for view in CHOICES)]
+)
 def test_networks(view: str, activation: str) -> None:
     network = QNetwork.initialise(KEY, FEATURES, (16, 8), 3, activation, view)
     check(QPolicy.of(network, 1.0, {}), jax.vmap(network)(scenes()), scenes())
