@@ -92,9 +92,9 @@ class Cloner(Learner):
 
 
 def test_a_learner_of_ones_own_learns_and_resumes_under_its_own_fingerprint(data) -> None:
-    shape = Cloner.StaticConfig(hidden=(32,), batch_size=32, updates=1500)
-    runs = [Numbers(learning_rate=0.01, seed=seed) for seed in (0, 1)]
-    trained = train(shape, runs, [data], learner=Cloner)  # pyright: ignore
+    shape = Cloner.StaticConfig(hidden=(32,), batch_size=32, updates=400)
+    runs = [Numbers(learning_rate=0.03, seed=seed) for seed in (0, 1)]
+    trained = train(shape, runs, [data], learner=Cloner, chunk=100)  # pyright: ignore
     assert trained.failures == ()
     loss = trained.history.array("loss")
     assert (loss[-1] < 0.8 * loss[0]).all()
