@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -11,7 +10,7 @@ from socialiq.types import Ending, RewardPair
 
 
 @pytest.fixture
-def without_type_checker(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_type_checker(monkeypatch):
     """As a user runs it: the tests' own checker would refuse wrong types before we do."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
@@ -47,7 +46,7 @@ def demonstrations(
 
 
 @pytest.fixture(scope="session", name="demonstrations")
-def demonstrations_fixture() -> Callable[..., Demonstrations]:
+def demonstrations_fixture():
     return demonstrations
 
 
@@ -62,5 +61,5 @@ def assert_same(one: Any, other: Any) -> None:
 
 
 @pytest.fixture(scope="session", name="assert_same")
-def assert_same_fixture() -> Callable[[Any, Any], None]:
+def assert_same_fixture():
     return assert_same

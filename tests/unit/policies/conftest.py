@@ -95,11 +95,11 @@ class Crafted:
 
 
 @pytest.fixture(scope="session")
-def crafted() -> type[Crafted]:
+def crafted():
     return Crafted
 
 
 @pytest.fixture
-def without_shape_checker(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_shape_checker(monkeypatch):
     """As a user runs it: the tests' own checker would refuse wrong shapes before we do."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

@@ -1,6 +1,6 @@
 """Networks that give the same numbers in every state, and rows of one state."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -47,17 +47,17 @@ def bandit(actions: Sequence[int], env: Sequence[float], social: Sequence[float]
 
 
 @pytest.fixture(name="constant", scope="session")
-def constant_fixture() -> Callable[..., QNetwork]:
+def constant_fixture():
     return constant
 
 
 @pytest.fixture(name="rows_of", scope="session")
-def rows_fixture() -> Callable[..., Batch]:
+def rows_fixture():
     return rows_of
 
 
 @pytest.fixture(name="bandit", scope="session")
-def bandit_fixture() -> Callable[..., Demonstrations]:
+def bandit_fixture():
     return bandit
 
 
