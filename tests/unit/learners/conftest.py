@@ -1,18 +1,11 @@
 from typing import Any
 
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.types import Ending, RewardPair
-
-
-@pytest.fixture
-def without_type_checker(monkeypatch):
-    """As a user runs it: the tests' own checker would refuse wrong types before we do."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 def demonstrations(
@@ -48,6 +41,12 @@ def demonstrations(
 @pytest.fixture(scope="session", name="demonstrations")
 def demonstrations_fixture():
     return demonstrations
+
+
+@pytest.fixture(scope="session")
+def data():
+    """Random demonstrations that no test may change."""
+    return demonstrations()
 
 
 def assert_same(one: Any, other: Any) -> None:

@@ -119,7 +119,7 @@ def test_runs_without_demonstrations_are_refused():
             BehaviourCloning.train_on(CloningConfig(), hyperparameters, [data])
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "make",
     [

@@ -21,11 +21,6 @@ SMALL = CQLConfig(hidden=(8,), batch_size=8, updates=60)
 RUNS = (CQLHyperparameters(seed=0, angle=45.0), CQLHyperparameters(seed=1, angle=45.0))
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
 def constant(*q: float) -> QNetwork:
     """A network that tells these values of every state."""
     drawn = QNetwork.initialise(jax.random.key(0), 1, (), len(q))
@@ -122,7 +117,7 @@ def test_runs_without_demonstrations_are_refused(data):
             ConservativeQ.train_on(SMALL, hyperparameters, [data])
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "make",
     [

@@ -8,7 +8,7 @@ from socialiq.learners.dqn import DQNConfig, DQNHyperparameters
 NAN, INF = float("nan"), float("inf")
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "fields",
     [

@@ -23,11 +23,6 @@ OFFLINE = IQLearnConfig(
 RUNS = [IQLearnHyperparameters(angle=45.0), IQLearnHyperparameters(angle=45.0, strength=2.0)]
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
 def quadratic(reward: Any, target: Any, strength: Any) -> Any:
     return jnp.mean(jnp.square(reward - strength * target))
 
@@ -108,7 +103,7 @@ class Broken(Cloner):
         return loss, {"loss": loss, "rows": batch.action}
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     ("own", "mend"),
     [

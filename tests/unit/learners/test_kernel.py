@@ -22,11 +22,6 @@ SMALL = CloningConfig(hidden=(8,), batch_size=8, updates=40)
 RUN = CloningHyperparameters(learning_rate=0.01, seed=3)
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
 def state_at(value: float, count: int) -> TrainState:
     """A network of one number after so many updates, with an average of 0."""
     state = TrainState.of({"w": jnp.zeros(())}, has_target=False, has_average=True)

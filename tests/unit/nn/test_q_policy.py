@@ -1,5 +1,4 @@
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 from scipy.special import softmax
@@ -22,12 +21,6 @@ def bandit(*q: float, temperature: float = 1.0, seed: int = 0) -> QPolicy:
     values = np.array(q, np.float32)
     rng = np.random.default_rng(seed)
     return QPolicy((np.zeros((len(q), 1), np.float32),), (values,), "relu", temperature, {}, rng)
-
-
-@pytest.fixture
-def without_shape_checker(monkeypatch):
-    """Disable the tests' run-time shape checks, which would reject wrong shapes first."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @pytest.fixture(name="policy")
@@ -111,7 +104,7 @@ def test_an_action_without_probability_is_never_drawn():
     ],
 )
 @pytest.mark.parametrize("deterministic", [True, False])
-@pytest.mark.usefixtures("without_shape_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 def test_a_bad_observation_is_refused_in_one_line(policy, observation, words, deterministic):
     with pytest.raises(UserError, match=words) as caught:
         policy.predict(observation, deterministic=deterministic)

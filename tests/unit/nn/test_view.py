@@ -157,13 +157,6 @@ def test_pooling_is_the_sum_and_the_greatest_of_every_vehicles_code():
     np.testing.assert_array_equal(view(rows.ravel()), [9, 0, 0, 0, 0, 0, 5, 3])
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_numpy_forward_equals_the_jax_network(name):
-    seen = flattened(observations())
-    expected = jax.vmap(network(name))(jax.numpy.asarray(seen))
-    np.testing.assert_allclose(policy(name).q_values(seen), expected, atol=1e-5)
-
-
 @pytest.mark.parametrize("name", [name for name in NAMES if CHOICES[name]])
 def test_the_width_is_what_the_view_returns(name):
     view = encoding(jax.random.key(0), VEHICLES * ROW, name)

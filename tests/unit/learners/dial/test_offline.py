@@ -161,7 +161,7 @@ def test_a_stage_that_blows_up_is_told():
         train(short, [OfflineDialHyperparameters(learning_rate=1e30)], [two_steps(20)])
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "make",
     [

@@ -5,7 +5,7 @@ from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyp
 from socialiq.types import Ending
 
 NAN, INF = float("nan"), float("inf")
-untyped = pytest.mark.usefixtures("without_type_checker")
+untyped = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 def test_defaults_are_the_gridworld_column_of_table_c_1():

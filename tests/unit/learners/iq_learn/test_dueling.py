@@ -23,11 +23,6 @@ STATIC = IQLearnConfig(
 NUMBERS = IQLearnHyperparameters(temperature=0.2)
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
 def test_offline_it_is_cloning_and_half_the_square_of_the_reward(data):
     """V - Q = -τ log π, and γ V(s') of terms 1 and 2 cancels: τ x likelihood + E[r̂²]/(4 α_χ)."""
     learner = IQLearn.of(STATIC, [data])

@@ -21,11 +21,6 @@ RUNS = (IQLearnHyperparameters(seed=0, angle=45.0), IQLearnHyperparameters(seed=
 CROSSING7 = registry.make_grid("crossing7")
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
 @pytest.fixture(name="whole", scope="module")
 def uninterrupted(data):
     return train(ONLINE, RUNS, [data], CROSSING7, chunk=20)

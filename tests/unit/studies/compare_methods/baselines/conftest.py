@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.unit.learners.conftest import demonstrations_fixture, without_type_checker
+from tests.unit.learners.conftest import demonstrations_fixture
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.expert_table import Batch
@@ -61,4 +61,4 @@ def bandit_fixture():
     return bandit
 
 
-__all__ = ["demonstrations_fixture", "without_type_checker"]  # fixtures of the learners' tests
+__all__ = ["demonstrations_fixture"]  # a fixture of the learners' tests

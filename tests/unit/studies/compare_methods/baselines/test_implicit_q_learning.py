@@ -63,7 +63,7 @@ def test_it_trains_and_prefers_the_better_action(bandit):
     assert trained.failures == () and chances[1] > 0.8
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 def test_settings_that_make_no_run_are_refused():
     for wrong in ({"expectile": 1.5}, {"inverse_temperature": 0.0}):
         with pytest.raises(UserError):
