@@ -171,48 +171,53 @@ def test_every_mixture_tells_how_it_was_made(pools):
     }
 
 
-def test_too_small_pools_are_refused_with_both_numbers(pools):
-    with pytest.raises(UserError, match="mode 'egoistic' needs 13 episodes and its pool has 12"):
-        equal_trajectories(pools, 13, seed=0)
-    with pytest.raises(UserError, match="'egoistic' needs 25 transitions and its pool has 24"):
-        equal_transitions(pools, 25, seed=0)
-    with pytest.raises(UserError, match="mode 'altruistic' needs 15 episodes and its pool has 12"):
-        weighted(pools, {"egoistic": 1.0, "prosocial": 1.0, "altruistic": 3.0}, 25, seed=0)
-    with pytest.raises(UserError, match="mode 'prosocial' needs 18 episodes and its pool has 12"):
-        contaminated(pools, "prosocial", "egoistic", 0.1, 20, seed=0)
+EVEN = {"egoistic": 1.0, "prosocial": 1.0, "altruistic": 3.0}
+UNKNOWN = "unknown mode 'malicious': choose one of egoistic"
 
 
-def test_pools_that_are_none_are_refused(pools):
-    with pytest.raises(UserError, match="no pools to mix"):
-        equal_trajectories({}, 1, seed=0)
-    with pytest.raises(UserError, match="pool of mode 'egoistic' has episodes of 'prosocial'"):
-        equal_trajectories({"egoistic": pools["prosocial"]}, 1, seed=0)
-
-
-def test_numbers_that_are_none_are_refused(pools):
-    with pytest.raises(UserError, match="episodes_each is 0: ask for at least 1"):
-        equal_trajectories(pools, 0, seed=0)
-    with pytest.raises(UserError, match="transitions_each is 0: ask for at least 1"):
-        equal_transitions(pools, 0, seed=0)
-    with pytest.raises(UserError, match="seed -1 is negative"):
-        equal_trajectories(pools, 1, seed=-1)
-
-
-@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
-def test_shares_outside_are_refused(pools, share):
-    with pytest.raises(UserError, match=r"share .* is outside \[0, 1\]"):
-        contaminated(pools, "prosocial", "egoistic", share, 10, seed=0)
-
-
-def test_modes_without_a_pool_are_refused(pools):
-    with pytest.raises(UserError, match="unknown mode 'malicious': choose one of egoistic"):
-        contaminated(pools, "prosocial", "malicious", 0.1, 10, seed=0)
-    with pytest.raises(UserError, match="unknown mode 'malicious': choose one of egoistic"):
-        contaminated(pools, "malicious", "prosocial", 0.1, 10, seed=0)
-    with pytest.raises(UserError, match="cannot contaminate itself"):
-        contaminated(pools, "egoistic", "egoistic", 0.1, 10, seed=0)
-    with pytest.raises(UserError, match="weights name egoistic where the pools are egoistic, pro"):
-        weighted(pools, {"egoistic": 1.0}, 3, seed=0)
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda pools: equal_trajectories(pools, 13, 0), "'egoistic' needs 13 episodes and .* 12"),
+        (lambda pools: equal_transitions(pools, 25, 0), "'egoistic' needs 25 transitions .* 24"),
+        (lambda pools: weighted(pools, EVEN, 25, 0), "'altruistic' needs 15 episodes and .* 12"),
+        (
+            lambda pools: contaminated(pools, "prosocial", "egoistic", 0.1, 20, 0),
+            "mode 'prosocial' needs 18 episodes and its pool has 12",
+        ),
+        (lambda _: equal_trajectories({}, 1, 0), "no pools to mix"),
+        (
+            lambda pools: equal_trajectories({"egoistic": pools["prosocial"]}, 1, 0),
+            "pool of mode 'egoistic' has episodes of 'prosocial'",
+        ),
+        (lambda pools: equal_trajectories(pools, 0, 0), "episodes_each is 0: ask for at least 1"),
+        (lambda pools: equal_transitions(pools, 0, 0), "transitions_each is 0: ask for at least"),
+        (lambda pools: equal_trajectories(pools, 1, -1), "seed -1 is negative"),
+        *(
+            (
+                lambda pools, share=share: contaminated(
+                    pools, "prosocial", "egoistic", share, 10, 0
+                ),
+                r"share .* is outside \[0, 1\]",
+            )
+            for share in (-0.1, 1.1, float("nan"))
+        ),
+        (lambda pools: contaminated(pools, "prosocial", "malicious", 0.1, 10, 0), UNKNOWN),
+        (lambda pools: contaminated(pools, "malicious", "prosocial", 0.1, 10, 0), UNKNOWN),
+        (
+            lambda pools: contaminated(pools, "egoistic", "egoistic", 0.1, 10, 0),
+            "cannot contaminate itself",
+        ),
+        (
+            lambda pools: weighted(pools, {"egoistic": 1.0}, 3, 0),
+            "weights name egoistic where the pools are egoistic, pro",
+        ),
+        (lambda _: apportion({"a": 1.0}, 0), "episodes is 0: ask for at least 1"),
+    ],
+)
+def test_what_makes_no_mixture_is_refused(pools, call, message):
+    with pytest.raises(UserError, match=message):
+        call(pools)
 
 
 @pytest.mark.parametrize(
@@ -246,8 +251,3 @@ def test_apportion_rounds_every_share_up_or_down(weights, total):
 def test_weights_that_are_no_proportions_are_refused(weights):
     with pytest.raises(UserError, match="weights must be finite, not negative and not all 0"):
         apportion({str(place): weight for place, weight in enumerate(weights)}, 3)
-
-
-def test_apportion_of_nothing_is_refused():
-    with pytest.raises(UserError, match="episodes is 0: ask for at least 1"):
-        apportion({"a": 1.0}, 0)
