@@ -96,7 +96,7 @@ OUT_OF_ORDER = {
 
 
 def at_row(name, row, value):
-    """What changes one value of a column."""
+    """Return a change of one value of a column."""
     return lambda table: {name: with_row(getattr(table, name), row, value)}
 
 
