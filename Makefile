@@ -27,6 +27,8 @@ check: $(VENV)/installed-dev  ## lint, types, layers, spelling and plain words (
 	$(BIN)/lint-imports
 	$(BIN)/codespell packages studies docs tests examples benchmarks *.md
 
+# Programs that JAX compiled in one run serve the next: compiling is most of the learners' tests.
+tests: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/build/compiled
 tests: core  ## the quick tests, shapes checked at run time, warnings as errors
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow" --ignore tests/extras $(PYTEST)
 
@@ -57,4 +59,4 @@ $(VENV)/installed-docs: $(VENV)/bin/python $(DISTRIBUTIONS) constraints.txt
 	touch $@ $(VENV)/installed
 
 clean:
-	rm -rf .venv .venv-full
+	rm -rf .venv .venv-full build/compiled

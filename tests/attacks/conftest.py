@@ -19,12 +19,12 @@ from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 @pytest.fixture(autouse=True)
-def attackers_are_users(as_a_user_runs_it: None) -> None:
+def attackers_are_users(as_a_user_runs_it):
     pass
 
 
 @pytest.fixture(scope="session")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory):
     """A declaration, a policy that keeps it (egoist), and one that doesn't (altruist)."""
     folder = tmp_path_factory.mktemp("owner")
     world = tabulate(make_grid("crossing7"))
@@ -48,13 +48,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def failed(place: Path) -> Path:
+def failed(place):
     """The folder of an audit that fails."""
     return audited(place, "altruist", 1)
 
 
 @pytest.fixture(scope="session")
-def passed(place: Path) -> Path:
+def passed(place):
     """The folder of an audit that passes."""
     return audited(place, "egoist", 0)
 
@@ -68,7 +68,7 @@ def audited(place: Path, policy: str, status: int) -> Path:
 
 
 @pytest.fixture(name="reseal", scope="session")
-def reseal_fixture() -> Callable[..., Path]:
+def reseal_fixture():
     return reseal
 
 

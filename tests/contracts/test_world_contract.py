@@ -1,4 +1,4 @@
-"""Contract of every registered world."""
+"""Contract of every registered world as an environment, and of the gridworlds' tables."""
 
 import gymnasium
 import jax
@@ -9,12 +9,24 @@ from gymnasium.utils.env_checker import check_env
 from socialiq.errors import UserError
 from socialiq.social.angle import weights
 from socialiq.types import Ending
-from socialiq.worlds import IDS, catalogue, registry
+from socialiq.worlds import IDS, SCENE_IDS, catalogue, registry
 from socialiq.worlds.crosswalk7 import LONGEST
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.gym import GridWorldEnv
 
 WORLDS = sorted(catalogue.GRIDS)
+PICTURES = {**dict.fromkeys(WORLDS, (300, 300, 3)), "intersection": (750, 600, 3)}
+"""Sizes of pictures; those of other roads depend on the road."""
+
+
+@pytest.fixture(params=[*IDS, *SCENE_IDS])
+def any_name(request):
+    return request.param
+
+
+@pytest.fixture
+def any_id(any_name):
+    return (IDS | SCENE_IDS)[any_name]
 
 
 @pytest.fixture(params=WORLDS)
@@ -52,25 +64,57 @@ def test_every_world_has_a_gymnasium_id():
     assert sorted(IDS) == sorted(catalogue.KNOWN)
 
 
-def test_gymnasium_accepts_it(name):
-    check_env(gymnasium.make(IDS[name], render_mode="rgb_array").unwrapped)
+def test_gymnasium_accepts_it(any_id):
+    check_env(gymnasium.make(any_id, render_mode="rgb_array").unwrapped)
 
 
-def test_walks_stay_in_the_spaces(env):
+def test_walks_stay_in_the_spaces(any_id):
+    env = gymnasium.make(any_id)
     for observation, action, step in walk(env, 300, seed=0):
         assert env.observation_space.contains(observation)
         assert env.observation_space.contains(step[0])
         assert env.action_space.contains(action)
 
 
-def test_seeded_walks_are_reproducible(env):
-    first, second = ([step for *_, step in walk(env, 200, seed=3)] for _ in range(2))
+def test_seeded_walks_are_reproducible(any_id):
+    used, fresh = (gymnasium.make(any_id) for _ in range(2))
+    first, second, third = (
+        [step for *_, step in walk(env, 150, seed=3)] for env in (used, used, fresh)
+    )
     for (after, *rest, info), (same_after, *same_rest, same_info) in zip(
-        first, second, strict=True
+        first * 2, second + third, strict=True
     ):
         np.testing.assert_array_equal(after, same_after)
         assert rest == same_rest
         np.testing.assert_equal(info, same_info)
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 270.0])
+def test_reward_is_the_pair_scored_at_the_angle(any_id, angle):
+    env = gymnasium.make(any_id, angle=angle)
+    for *_, (_, reward, *_, info) in walk(env, 60, seed=2):
+        assert type(reward) is float
+        assert reward == pytest.approx(np.dot(weights(angle), info["reward_pair"]), abs=1e-15)
+
+
+@pytest.mark.parametrize("angle", [-1.0, 360.0, float("nan"), float("inf")])
+def test_angles_outside_are_refused(any_id, angle):
+    with pytest.raises(UserError, match=r"is outside \[0, 360\) degrees"):
+        gymnasium.make(any_id, angle=angle)
+
+
+def test_it_renders_an_image_in_its_render_mode(any_name, any_id):
+    env = gymnasium.make(any_id, render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    env.step(1)
+    after = env.render()
+    assert before.dtype == np.uint8
+    assert before.shape == after.shape == PICTURES.get(any_name, before.shape)
+    assert (before != after).any()
+    plain = gymnasium.make(any_id).unwrapped
+    plain.reset(seed=0)
+    assert plain.render() is None
 
 
 def test_info_tells_the_pair_the_signals_and_the_ending(env):
@@ -83,12 +127,6 @@ def test_info_tells_the_pair_the_signals_and_the_ending(env):
         assert (ending == Ending.NONE) == (not terminated and not truncated)
         assert (ending == Ending.TIMEOUT) == truncated
         assert 0.0 <= info["speed"] <= world.max_speed
-
-
-def test_reward_is_the_pair_scored_at_the_angle(name):
-    env = gymnasium.make(IDS[name], angle=30.0)
-    for *_, (_, reward, *_, info) in walk(env, 100, seed=2):
-        assert reward == pytest.approx(np.dot(weights(30.0), info["reward_pair"]), abs=1e-15)
 
 
 def test_walks_agree_with_the_table(env, table):
@@ -140,23 +178,6 @@ def test_the_horizon_truncates(env):
     assert [step[4]["ending"] for step in steps[-2:]] == ["none", "timeout"]
     env.reset()
     assert not env.step(0)[3]
-
-
-def test_it_renders_an_image(name):
-    env = gymnasium.make(IDS[name], render_mode="rgb_array")
-    env.reset(seed=0)
-    before = env.render()
-    env.step(1)
-    after = env.render()
-    assert before.dtype == np.uint8
-    assert before.shape == after.shape == (300, 300, 3)
-    assert (before != after).any()
-
-
-def test_without_a_render_mode_it_renders_nothing(name):
-    env = GridWorldEnv(name)
-    env.reset(seed=0)
-    assert env.render() is None
 
 
 def test_simulator_runs_compiled_and_batched(table):
@@ -229,12 +250,6 @@ def test_unknown_worlds_are_refused():
     line = f"{line}$"
     with pytest.raises(UserError, match=line):
         GridWorldEnv("crossing9")
-
-
-@pytest.mark.parametrize("angle", [-1.0, 360.0, float("nan"), float("inf")])
-def test_angles_outside_are_refused(name, angle):
-    with pytest.raises(UserError, match=r"is outside \[0, 360\) degrees"):
-        gymnasium.make(IDS[name], angle=angle)
 
 
 def test_options_reach_the_environments_world(name):

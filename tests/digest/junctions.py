@@ -76,7 +76,8 @@ def people() -> dict[str, np.ndarray]:
         "person_size": np.array([[0.5, 0.5], [1.8, 0.6]]),
         "person_step": np.array([10, 20]),
         "person_state_first": np.array([0, STATES, 2 * STATES]),
-        "person_state": np.concatenate([walks.T, rides.T]),
+        # In the order of a file's columns: Numba would compile the core again for another order.
+        "person_state": np.ascontiguousarray(np.concatenate([walks.T, rides.T])),
     }
 
 

@@ -214,8 +214,9 @@ def limits_of_time(tree: ast.AST) -> list[int]:
     """Return the lines that compare times of a clock, or wait for a number of seconds."""
     names: set[str] = set()
     lines = []
+    clocked = reads_a_clock(tree, names)
     for item in ast.walk(tree):
-        if isinstance(item, ast.Assign):
+        if clocked and isinstance(item, ast.Assign):
             pairs = [(target, item.value) for target in item.targets]
             if isinstance(item.targets[0], ast.Tuple) and isinstance(item.value, ast.Tuple):
                 pairs = [*zip(item.targets[0].elts, item.value.elts, strict=True)]
@@ -225,7 +226,7 @@ def limits_of_time(tree: ast.AST) -> list[int]:
                 if isinstance(target, ast.Name) and reads_a_clock(value, names)
             }
     for item in ast.walk(tree):
-        if isinstance(item, ast.Compare) and reads_a_clock(item, names):
+        if clocked and isinstance(item, ast.Compare) and reads_a_clock(item, names):
             lines.append(item.lineno)
         if isinstance(item, ast.Call) and dotted(item.func).split(".")[-1] in WAITING:
             words = {word.arg: word.value for word in item.keywords}

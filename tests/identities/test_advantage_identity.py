@@ -101,9 +101,7 @@ def double_precision():
 @pytest.mark.parametrize(
     "rows", [{}, {"online": True, "value_term": "value"}], ids=["offline", "online"]
 )
-def test_the_loss_of_the_advantage_is_that_of_the_reward_at_a_shifted_table(
-    next_value: str, rows: dict[str, Any]
-) -> None:
+def test_the_loss_of_the_advantage_is_that_of_the_reward_at_a_shifted_table(next_value, rows):
     """Q - (w λ / κ) V in every state: the same gradient, and a loss that differs by a constant."""
     problem, rng = Problem(1, next_value=next_value, **rows), np.random.default_rng(1)
     shift = SHRINKAGE * NUMBERS.strength * problem.value()[:, None]
@@ -119,7 +117,7 @@ def test_the_loss_of_the_advantage_is_that_of_the_reward_at_a_shifted_table(
     assert np.abs(shift).max() > 0.1
 
 
-def test_advantage_and_reward_give_one_policy_and_returns_to_go_another() -> None:
+def test_advantage_and_reward_give_one_policy_and_returns_to_go_another():
     problem, policies = Problem(0), {}
     for kind in ("instantaneous", "advantage", "to_go"):
         loss = problem.loss(kind)

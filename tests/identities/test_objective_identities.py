@@ -132,9 +132,7 @@ def conservative_q_loss(
 
 @seeds
 @both_sources
-def test_offline_iq_learn_with_the_prior_is_conservative_q_learning(
-    seed: int, next_value: str
-) -> None:
+def test_offline_iq_learn_with_the_prior_is_conservative_q_learning(seed, next_value):
     problem = Problem(seed)
     shape = static(**EXPERT_ONLY, next_value=next_value)
     arguments = problem.network, problem.target_network, problem.expert, next_value
@@ -146,7 +144,7 @@ def test_offline_iq_learn_with_the_prior_is_conservative_q_learning(
 
 
 @seeds
-def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed: int) -> None:
+def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed):
     """2 κ times its gradient, where α_CQL = 1 / (2 κ) and its reward is the shrunk centre."""
     problem, shape = Problem(seed), static(**EXPERT_ONLY)
     settings = cql.CQLHyperparameters(
@@ -165,7 +163,7 @@ def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed
 
 
 @seeds
-def test_the_two_quadratics_are_one_with_a_shrunk_centre(seed: int) -> None:
+def test_the_two_quadratics_are_one_with_a_shrunk_centre(seed):
     """c r² + w (r - λR)² = (c + w) (r - λR w/(c + w))² + constant."""
     problem = Problem(seed)
     merged = problem.gradient(
@@ -178,7 +176,7 @@ def test_the_two_quadratics_are_one_with_a_shrunk_centre(seed: int) -> None:
 
 
 @seeds
-def test_strength_zero_is_not_iq_learn_but_iq_learn_with_more_shrinkage(seed: int) -> None:
+def test_strength_zero_is_not_iq_learn_but_iq_learn_with_more_shrinkage(seed):
     """The thesis says that λ = 0 recovers IQ-Learn (4.3.1); at w = 1 it turns α_χ 1/2 into 1/6."""
     problem = Problem(seed)
     zero = problem.gradient(static(prior="reward"), strength=0.0, prior_weight=1.0)
@@ -188,7 +186,7 @@ def test_strength_zero_is_not_iq_learn_but_iq_learn_with_more_shrinkage(seed: in
 
 
 @seeds
-def test_prior_weight_zero_is_iq_learn(seed: int) -> None:
+def test_prior_weight_zero_is_iq_learn(seed):
     problem = Problem(seed)
     plain = problem.gradient(static(prior="none"))
     assert_equal(problem.gradient(static(prior="reward"), prior_weight=0.0), plain)
@@ -196,7 +194,7 @@ def test_prior_weight_zero_is_iq_learn(seed: int) -> None:
 
 
 @seeds
-def test_the_bellman_shift_is_inert_with_chi2_in_term_1_alone(seed: int) -> None:
+def test_the_bellman_shift_is_inert_with_chi2_in_term_1_alone(seed):
     """φ' = 1 there, so the shift of B.1 is a constant of the loss."""
     problem = Problem(seed)
     shifted, plain = static(prior="bellman_shift"), static(prior="none")
@@ -206,7 +204,7 @@ def test_the_bellman_shift_is_inert_with_chi2_in_term_1_alone(seed: int) -> None
 
 
 @pytest.mark.parametrize("chi2_on", ["expert", "mixture"])
-def test_the_bellman_shift_inside_term_3_is_the_shifted_chi2(chi2_on: str) -> None:
+def test_the_bellman_shift_inside_term_3_is_the_shifted_chi2(chi2_on):
     problem = Problem(0)
     everywhere = static(
         prior="bellman_shift", shift_term_3=True, chi2_on=chi2_on, target_kind="instantaneous"
@@ -216,7 +214,7 @@ def test_the_bellman_shift_inside_term_3_is_the_shifted_chi2(chi2_on: str) -> No
 
 
 @pytest.mark.parametrize("divergence", ["kl", "reverse_kl", "hellinger", "js"])
-def test_the_bellman_shift_steers_under_other_divergences(divergence: str) -> None:
+def test_the_bellman_shift_steers_under_other_divergences(divergence):
     problem = Problem(0)
     shifted = problem.gradient(static(prior="bellman_shift", divergence=divergence))
     assert differ(shifted, problem.gradient(static(prior="none", divergence=divergence)))
@@ -230,9 +228,7 @@ def test_the_bellman_shift_steers_under_other_divergences(divergence: str) -> No
         ("chi2", {"chi2_on": "mixture"}, {"chi2_on": "expert"}),
     ],
 )
-def test_a_term_over_the_mixture_is_the_mean_over_its_halves(
-    seed: int, term: str, mixed: dict[str, str], half: dict[str, str]
-) -> None:
+def test_a_term_over_the_mixture_is_the_mean_over_its_halves(seed, term, mixed, half):
     problem = Problem(seed)
     whole = problem.terms(static(**mixed))[term]
     first = problem.terms(static(**half))[term]
@@ -242,7 +238,7 @@ def test_a_term_over_the_mixture_is_the_mean_over_its_halves(
     assert abs(first - second) > 1e-2
 
 
-def test_terms_on_demonstrations_do_not_see_the_replay() -> None:
+def test_terms_on_demonstrations_do_not_see_the_replay():
     one, other = Problem(0), Problem(0)
     other.replay = batch(999)
     terms, others = (problem.terms(static()) for problem in (one, other))
@@ -251,7 +247,7 @@ def test_terms_on_demonstrations_do_not_see_the_replay() -> None:
     assert terms["value"] != others["value"]
 
 
-def test_term_2_over_initial_states_sees_nothing_else() -> None:
+def test_term_2_over_initial_states_sees_nothing_else():
     problem, shape = Problem(0), static(value_term="v0")
     q = jax.vmap(problem.network)(problem.initial) / NUMBERS.temperature
     expected = 0.1 * NUMBERS.temperature * np.log(np.exp(q).sum(axis=1)).mean()
@@ -263,7 +259,7 @@ def moved(network: QNetwork, direction: QNetwork, step: float) -> QNetwork:
 
 
 @both_sources
-def test_only_online_does_the_gradient_pass_through_the_next_value(next_value: str) -> None:
+def test_only_online_does_the_gradient_pass_through_the_next_value(next_value):
     """Finite differences: with the target network held fixed, and with it moving along."""
     with jax.enable_x64(True):
         problem, shape = Problem(0), static(next_value=next_value)

@@ -61,7 +61,7 @@ class Line:
         return (after, time), Step(after, pair, ending.astype(jnp.int32))
 
 
-def test_the_closed_form_is_a_fixed_point_of_the_soft_bellman_equation() -> None:
+def test_the_closed_form_is_a_fixed_point_of_the_soft_bellman_equation():
     actions = np.linspace(-6.0, 6.0, 200_001)
     for state in STATES[:, 0]:
         after = A * state + B * actions
@@ -89,7 +89,7 @@ def gain_of(policy: Any) -> float:
 
 
 @pytest.mark.slow
-def test_soft_actor_critic_has_the_gain_and_the_value() -> None:
+def test_soft_actor_critic_has_the_gain_and_the_value():
     static = config.SACConfig(
         hidden=(64, 64),
         batch_size=128,
@@ -138,7 +138,7 @@ def driven(episodes: int) -> Demonstrations:
 
 
 @pytest.mark.slow
-def test_iq_learn_from_the_optimal_driver_has_its_gain() -> None:
+def test_iq_learn_from_the_optimal_driver_has_its_gain():
     static = config.ActorIQLearnConfig(
         online=False,
         value_term="value_expert",

@@ -90,7 +90,7 @@ def table(action: np.ndarray, n_actions: int = 0) -> Demonstrations:
 
 
 @pytest.mark.slow
-def test_the_soft_optimum_of_a_bandit_is_boltzmanns() -> None:
+def test_the_soft_optimum_of_a_bandit_is_boltzmanns():
     static = config.SACConfig(
         **SMALL, updates=1200, random_steps=1200, replay_capacity=1200, schedule="linear"
     )
@@ -121,7 +121,7 @@ def optimum() -> tuple[float, float]:
 
 
 @pytest.mark.slow
-def test_continuous_iq_learn_finds_the_fixed_point_of_the_objective() -> None:
+def test_continuous_iq_learn_finds_the_fixed_point_of_the_objective():
     static = config.ActorIQLearnConfig(
         **SMALL,
         updates=1500,
@@ -134,7 +134,7 @@ def test_continuous_iq_learn_finds_the_fixed_point_of_the_objective() -> None:
     assert shown(trained.policy(0)) == pytest.approx(optimum(), abs=0.03)
 
 
-def test_with_many_cells_the_discrete_learner_has_the_same_policy() -> None:
+def test_with_many_cells_the_discrete_learner_has_the_same_policy():
     cells = 21
     static = IQLearnConfig(
         online=False,
@@ -155,7 +155,7 @@ def test_with_many_cells_the_discrete_learner_has_the_same_policy() -> None:
     assert found == pytest.approx(optimum(), abs=0.03)
 
 
-def test_the_clone_has_the_density_of_the_data() -> None:
+def test_the_clone_has_the_density_of_the_data():
     static = GaussianCloning.StaticConfig(hidden=(16,), batch_size=128, updates=800)
     run = GaussianCloning.Hyperparameters(learning_rate=3e-3)
     trained = GaussianCloning.train_on(static, [run], [table(demonstrated())], chunk=800)
@@ -165,7 +165,7 @@ def test_the_clone_has_the_density_of_the_data() -> None:
 
 
 @pytest.mark.slow
-def test_td3_bc_stands_where_distance_and_value_balance() -> None:
+def test_td3_bc_stands_where_distance_and_value_balance():
     """With Q = -(a + 1/2)² and data of mean m: (a - m) (a + 1/2) = -w.
 
     The loss is (a - m)² + w |Q| / sg|Q| but for a constant; its slope is 2 (a - m) + 2 w / (a + ½).

@@ -88,7 +88,7 @@ BANDITS = {
 
 
 @pytest.fixture(name="bandits", scope="module")
-def trained_bandits() -> Trained:
+def trained_bandits():
     return solve(TABULAR, list(BANDITS.values()), [bandit(counts) for counts in COUNTS])
 
 
@@ -97,17 +97,17 @@ def chance_of_0(trained: Trained, name: str) -> float:
     return float(policy.probabilities(ONLY_STATE)[0, 0])
 
 
-def test_what_every_demonstrator_does_is_imitated(bandits: Trained) -> None:
+def test_what_every_demonstrator_does_is_imitated(bandits):
     assert chance_of_0(bandits, "alike") < 0.1
 
 
-def test_the_angle_decides_between_equally_frequent_modes(bandits: Trained) -> None:
+def test_the_angle_decides_between_equally_frequent_modes(bandits):
     assert chance_of_0(bandits, "egoist") > 0.7
     assert chance_of_0(bandits, "altruist") < 0.3
     assert chance_of_0(bandits, "between") == pytest.approx(0.5, abs=0.02)
 
 
-def test_without_a_prior_equally_frequent_modes_stay_equal(bandits: Trained) -> None:
+def test_without_a_prior_equally_frequent_modes_stay_equal(bandits):
     assert chance_of_0(bandits, "baseline") == pytest.approx(0.5, abs=0.02)
     assert 0.5 < chance_of_0(bandits, "unequal") < 0.7  # the entropy draws 0.7 towards 0.5
 
@@ -134,7 +134,7 @@ def minimiser(share: float, hyperparameters: IQLearnHyperparameters) -> np.ndarr
 
 
 @pytest.mark.parametrize("name", [name for name in BANDITS if name != "alike"])
-def test_long_training_reaches_the_minimiser_in_closed_form(bandits: Trained, name: str) -> None:
+def test_long_training_reaches_the_minimiser_in_closed_form(bandits, name):
     hyperparameters = BANDITS[name]
     egoist, altruist = COUNTS[hyperparameters.dataset]
     q = bandits.policy(list(BANDITS).index(name)).q_values(ONLY_STATE)[0]
@@ -153,7 +153,7 @@ def test_long_training_reaches_the_minimiser_in_closed_form(bandits: Trained, na
         ),
     ],
 )
-def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: float) -> None:
+def test_values_travel_back_at_the_discount(choices, worth):
     """One action only: V = Q and term 1 cancels term 2, so r̂ is the centre w λ R / (c + w) = 2.
 
     A road of two steps is worth γ 2 at its start. A state that repeats and pays each time is
@@ -178,7 +178,7 @@ def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: floa
 CONSERVATIVE = cql.CQLConfig(hidden=(), batch_size=128, updates=6000)
 
 
-def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
+def test_conservative_q_learning_reaches_its_minimiser_in_closed_form():
     """If every transition ends: p_a (Q_a - λ R_a) + α_CQL (π_a - p_a) = 0."""
     settings = [
         cql.CQLHyperparameters(0.0, 2.0, 0.5, learning_rate=RATE),
@@ -202,7 +202,7 @@ def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
 
 
 @pytest.mark.slow
-def test_conservative_values_travel_back_at_the_discount() -> None:
+def test_conservative_values_travel_back_at_the_discount():
     """With a single action the conservative term is 0, and Q is the discounted reward."""
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
     hyperparameters = cql.CQLHyperparameters(discount=0.9, learning_rate=3e-3, polyak=0.1)

@@ -46,7 +46,7 @@ def close(ours, theirs) -> None:
                 assert one[name] == value or name in ("p", "p_holm"), (other, name)
 
 
-def test_the_tables_follow_from_the_rows(committed) -> None:
+def test_the_tables_follow_from_the_rows(committed):
     found = committed.tables
     pooled = means(found["policies"], KEYS)
     close(pooled, found["pooled"])
@@ -54,13 +54,13 @@ def test_the_tables_follow_from_the_rows(committed) -> None:
     close(paired(found["policies"]), found["paired"])
 
 
-def test_the_settings_are_those_that_development_chose(committed) -> None:
+def test_the_settings_are_those_that_development_chose(committed):
     chosen = choose(committed.tables["development"])
     for row in committed.tables["overall"]:
         assert chosen[row["world"], row["method"]] == row["setting"]
 
 
-def test_every_method_has_every_seed_and_angle(committed) -> None:
+def test_every_method_has_every_seed_and_angle(committed):
     config = Config(**{name: tuple(committed.config[name]) for name in ("worlds", "methods")})
     for world, method in cells_of(config, METHODS):
         rows = matching(committed.tables["policies"], world=world, method=method.name)
@@ -68,7 +68,7 @@ def test_every_method_has_every_seed_and_angle(committed) -> None:
         assert len(set(greedy)) == len(greedy) == len(config.seeds) * len(config.angles)
 
 
-def test_one_method_trained_again_is_equal(tmp_path) -> None:
+def test_one_method_trained_again_is_equal(tmp_path):
     """Clones of the episodes that score best, in the 5x5 world: the ends, on one of the seeds."""
     method, config = METHODS["clone_by_return"], Config(angles=(0.0, 90.0), seeds=(300,))
     rows = store.load(packaged_results() / FOLDERS[0]).tables["policies"]

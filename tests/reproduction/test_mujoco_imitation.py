@@ -16,7 +16,7 @@ Config = find("mujoco-imitation").Config
 FOLDER_OF_STUDY = packaged_results() / "mujoco-imitation"
 
 
-def test_tables_follow_from_the_pieces() -> None:
+def test_tables_follow_from_the_pieces():
     committed = store.load(FOLDER_OF_STUDY)
     config = Config(pieces=str(FOLDER_OF_STUDY), new=False)
     found = compute_tables(config, Context((), Path(), lambda _stage: None))
@@ -32,7 +32,7 @@ def test_tables_follow_from_the_pieces() -> None:
             assert {key: row[key] for key in numbers} == pytest.approx(numbers)
 
 
-def test_pieces_have_the_seeds_and_settings_of_the_plan() -> None:
+def test_pieces_have_the_seeds_and_settings_of_the_plan():
     """No run is of a development seed, and runs of a method share their settings."""
     settings: dict = {}
     for path in (FOLDER_OF_STUDY / FOLDER).glob("*-*.json"):

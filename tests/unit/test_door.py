@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import gymnasium
-import jaxtyping
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -19,9 +18,8 @@ OFFLINE = {"updates": 2, "hidden": (4,), "batch_size": 4, "online": False}
 
 
 @pytest.fixture(autouse=True)
-def as_a_user(monkeypatch, tmp_path):
+def as_a_user(as_a_user_runs_it, monkeypatch, tmp_path):
     """The tests' own checker of types would refuse wrong ones before the library does."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     monkeypatch.chdir(tmp_path)
 
 

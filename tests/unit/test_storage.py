@@ -22,7 +22,7 @@ ARRAYS = {"x": np.arange(3, dtype=np.float32), "flag": np.array([True, False])}
 
 
 @pytest.fixture(name="small")
-def small_file(tmp_path: Path) -> Path:
+def small_file(tmp_path):
     path = tmp_path / "small.safetensors"
     storage.save_arrays(path, "demo", 1, ARRAYS, HEADER)
     return path
@@ -46,7 +46,7 @@ def is_refused(path: Path, content: bytes) -> bool:
 
 
 @pytest.mark.parametrize("content", ["text \u00e9", b"\x00\xff"])
-def test_a_write_leaves_the_content_and_nothing_else(tmp_path: Path, content: str | bytes) -> None:
+def test_a_write_leaves_the_content_and_nothing_else(tmp_path, content):
     path = tmp_path / "file"
     path.write_text("old and longer than the new content")
     storage.write_atomically(path, content)
@@ -56,9 +56,7 @@ def test_a_write_leaves_the_content_and_nothing_else(tmp_path: Path, content: st
 
 
 @pytest.mark.parametrize("target", ["os.fsync", "pathlib.Path.replace", "pathlib.Path.chmod"])
-def test_a_failed_write_leaves_the_old_content(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
-) -> None:
+def test_a_failed_write_leaves_the_old_content(tmp_path, monkeypatch, target):
     path = tmp_path / "file"
     path.write_text("old")
 
@@ -72,9 +70,7 @@ def test_a_failed_write_leaves_the_old_content(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_an_interrupted_write_leaves_the_old_content(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_write_leaves_the_old_content(tmp_path, monkeypatch):
     path = tmp_path / "file"
     path.write_text("old")
 
@@ -88,12 +84,12 @@ def test_an_interrupted_write_leaves_the_old_content(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_write_without_its_folder_is_refused(tmp_path: Path) -> None:
+def test_a_write_without_its_folder_is_refused(tmp_path):
     with pytest.raises(UserError, match="No such file or directory; choose another place"):
         storage.write_atomically(tmp_path / "missing" / "file", "new")
 
 
-def test_a_write_over_a_folder_is_refused(tmp_path: Path) -> None:
+def test_a_write_over_a_folder_is_refused(tmp_path):
     folder = tmp_path / "folder"
     folder.mkdir()
     with pytest.raises(UserError, match="Is a directory; choose another place"):
@@ -101,7 +97,7 @@ def test_a_write_over_a_folder_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [folder]
 
 
-def test_json_round_trip_keeps_the_order_of_keys(tmp_path: Path) -> None:
+def test_json_round_trip_keeps_the_order_of_keys(tmp_path):
     path = tmp_path / "file.json"
     content = {"z": 1, "a": [1.5, None, "\u00e9"]}
     storage.write_json(path, content)
@@ -110,14 +106,14 @@ def test_json_round_trip_keeps_the_order_of_keys(tmp_path: Path) -> None:
     assert path.read_text().endswith("}\n")
 
 
-def test_json_has_no_nan(tmp_path: Path) -> None:
+def test_json_has_no_nan(tmp_path):
     with pytest.raises(ValueError, match="not JSON compliant"):
         storage.write_json(tmp_path / "file.json", {"a": float("nan")})
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"{'a': 1}", b"\xff\xfe\xfa", b"[" * 200_000])
-def test_what_is_not_json_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_what_is_not_json_is_refused(tmp_path, content):
     path = tmp_path / "file.json"
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"cannot read .*file\.json as JSON: .+") as caught:
@@ -125,20 +121,20 @@ def test_what_is_not_json_is_refused(tmp_path: Path, content: bytes) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_missing_json_is_refused(tmp_path: Path) -> None:
+def test_missing_json_is_refused(tmp_path):
     with pytest.raises(UserError, match="no such file"):
         storage.read_json(tmp_path / "file.json")
     with pytest.raises(UserError, match="is a folder"):
         storage.read_json(tmp_path)
 
 
-def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+def test_a_new_folder_is_made_with_its_parents(tmp_path):
     made = outputs.new_folder(tmp_path / "a" / "b")
     assert made.is_dir()
     assert outputs.new_folder(made) == made  # still empty
 
 
-def test_a_folder_in_use_is_refused_and_left_alone(tmp_path: Path) -> None:
+def test_a_folder_in_use_is_refused_and_left_alone(tmp_path):
     file = tmp_path / "file"
     file.write_text("kept")
     for taken in (tmp_path, file):
@@ -149,7 +145,7 @@ def test_a_folder_in_use_is_refused_and_left_alone(tmp_path: Path) -> None:
     assert file.read_text() == "kept"
 
 
-def test_arrays_round_trip(small: Path) -> None:
+def test_arrays_round_trip(small):
     arrays, header = storage.load_arrays(small, "demo", 1)
     assert set(arrays) == set(ARRAYS)
     for name, array in ARRAYS.items():
@@ -170,7 +166,7 @@ def test_arrays_round_trip(small: Path) -> None:
         np.array([np.nan, np.inf, -0.0]),
     ],
 )
-def test_arrays_of_every_layout_round_trip(tmp_path: Path, array: np.ndarray) -> None:
+def test_arrays_of_every_layout_round_trip(tmp_path, array):
     path = tmp_path / "file"
     storage.save_arrays(path, "demo", 1, {"x": array}, {})
     found = storage.load_arrays(path, "demo", 1)[0]["x"]
@@ -178,7 +174,7 @@ def test_arrays_of_every_layout_round_trip(tmp_path: Path, array: np.ndarray) ->
     np.testing.assert_array_equal(found, array)
 
 
-def test_a_header_comes_back_as_json_would_give_it(tmp_path: Path) -> None:
+def test_a_header_comes_back_as_json_would_give_it(tmp_path):
     path = tmp_path / "file"
     storage.save_arrays(path, "demo", 1, {}, {"counts": {2: (1, 2), 10: ()}})
     assert storage.load_arrays(path, "demo", 1)[1]["counts"] == {"2": [1, 2], "10": []}
@@ -194,21 +190,21 @@ def test_a_header_comes_back_as_json_would_give_it(tmp_path: Path) -> None:
         (ARRAYS, {**HEADER, "number": 1.0}),
     ],
 )
-def test_the_hash_is_of_all_content(arrays: dict, header: dict) -> None:
+def test_the_hash_is_of_all_content(arrays, header):
     assert storage.content_hash(arrays, header) != storage.content_hash(ARRAYS, HEADER)
 
 
-def test_the_hash_does_not_depend_on_the_order_of_names() -> None:
+def test_the_hash_does_not_depend_on_the_order_of_names():
     turned = dict(reversed(ARRAYS.items())), dict(reversed(HEADER.items()))
     assert storage.content_hash(*turned) == storage.content_hash(ARRAYS, HEADER)
 
 
-def test_other_kinds_and_versions_are_refused(small: Path) -> None:
+def test_other_kinds_and_versions_are_refused(small):
     assert "holds demo, not policy: name a policy file" in refusal(small, kind="policy")
     assert "schema version 1, this program reads version 2" in refusal(small, version=2)
 
 
-def test_every_changed_byte_is_refused(small: Path) -> None:
+def test_every_changed_byte_is_refused(small):
     whole = small.read_bytes()
     assert b"}   " in whole  # the header is padded, and the padding is tried too
     # Each bit alone, all bits, and what JSON may read as the same: blanks, zeros, exponents.
@@ -219,7 +215,7 @@ def test_every_changed_byte_is_refused(small: Path) -> None:
             assert is_refused(small, changed), f"byte {place}: {byte:#x} changed to {other:#x}"
 
 
-def test_every_truncated_or_prolonged_file_is_refused(small: Path) -> None:
+def test_every_truncated_or_prolonged_file_is_refused(small):
     whole = small.read_bytes()
     for length in range(len(whole)):
         assert is_refused(small, whole[:length]), f"cut to {length} bytes"
@@ -228,7 +224,7 @@ def test_every_truncated_or_prolonged_file_is_refused(small: Path) -> None:
     assert not is_refused(small, whole)
 
 
-def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     assert "no such file" in refusal(tmp_path / "missing")
     assert "is a folder: name a file" in refusal(tmp_path)
 
@@ -236,7 +232,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "wrapper", ["null", "[]", "{}", '{"header": 3}', json.dumps({"header": {"kind": "demo"}})]
 )
-def test_foreign_safetensors_are_refused(tmp_path: Path, wrapper: str) -> None:
+def test_foreign_safetensors_are_refused(tmp_path, wrapper):
     path = tmp_path / "file"
     path.write_bytes(safetensors.numpy.save(ARRAYS, metadata={"socialiq": wrapper}))
     assert "demo" in refusal(path)
@@ -245,7 +241,7 @@ def test_foreign_safetensors_are_refused(tmp_path: Path, wrapper: str) -> None:
 
 
 @pytest.mark.parametrize("wrapper", ["{", "[" * 200_000])
-def test_a_header_that_is_not_json_is_refused(tmp_path: Path, wrapper: str) -> None:
+def test_a_header_that_is_not_json_is_refused(tmp_path, wrapper):
     path = tmp_path / "file"
     path.write_bytes(safetensors.numpy.save(ARRAYS, metadata={"socialiq": wrapper}))
     assert "damaged or not a demo file" in refusal(path)
@@ -315,7 +311,7 @@ def test_an_output_folder_is_checked_before_the_work(tmp_path):
         outputs.check_output_folder(tmp_path / "link", replace=True)
 
 
-def test_a_package_in_a_short_path_has_no_checkout_around_it(monkeypatch) -> None:
+def test_a_package_in_a_short_path_has_no_checkout_around_it(monkeypatch):
     monkeypatch.setattr(importlib.resources, "files", lambda _: Path("/site/socialiq"))
     with pytest.raises(UserError, match="--results DIR"):
         storage.packaged_results()

@@ -1,5 +1,5 @@
 import datetime
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -40,17 +40,17 @@ def declared(world: str = "crossing5", angle: float = 45.0, **fields: object) ->
 
 
 @pytest.fixture(name="outcomes", scope="session")
-def outcomes_fixture() -> Callable[..., Outcomes]:
+def outcomes_fixture():
     return outcomes
 
 
 @pytest.fixture(name="evidence", scope="session")
-def evidence_fixture() -> Callable[..., Evidence]:
+def evidence_fixture():
     return evidence
 
 
 @pytest.fixture(name="declared", scope="session")
-def declared_fixture() -> Callable[..., Profile]:
+def declared_fixture():
     return declared
 
 

@@ -27,7 +27,7 @@ DATE = datetime.date(2026, 1, 31)
 
 
 @pytest.fixture(name="profile", scope="module")
-def declared_rule(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def declared_rule(tmp_path_factory):
     path = tmp_path_factory.mktemp("rule") / "profile.toml"
     made = declare(45.0, "Example", "crossing7", Margin(0.1, 10.0), DATE, rule=RULE)
     assert made.rule == RULE and parse(made.source) == made
@@ -44,7 +44,7 @@ def audited(profile: Path, name: str, out: Path) -> Result:
 
 
 @pytest.mark.slow
-def test_the_driver_that_follows_the_rule_passes(profile: Path, tmp_path: Path) -> None:
+def test_the_driver_that_follows_the_rule_passes(profile, tmp_path):
     report = audited(profile, "follows", tmp_path / "out")
     assert report["verdict"]["decision"] == "pass"
     assert "by the declared rule" in report["verdict"]["reason"]
@@ -57,7 +57,7 @@ def test_the_driver_that_follows_the_rule_passes(profile: Path, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_constant_angle_that_declares_the_rule_fails(profile: Path, tmp_path: Path) -> None:
+def test_a_constant_angle_that_declares_the_rule_fails(profile, tmp_path):
     report = audited(profile, "constant", tmp_path / "out")
     assert report["verdict"]["decision"] == "fail"
     assert report["tests"]["regret"]["low"] > 0.2
@@ -79,7 +79,7 @@ def test_a_constant_angle_that_declares_the_rule_fails(profile: Path, tmp_path: 
     assert any("contexts" in one for one in faults(tmp_path / "out"))
 
 
-def test_what_is_not_tested_with_a_rule_is_refused(profile: Path, tmp_path: Path) -> None:
+def test_what_is_not_tested_with_a_rule_is_refused(profile, tmp_path):
     dial = packaged_results() / "dial-short" / "dial.safetensors"
     with pytest.raises(UserError, match="turn --angle-rule"):
         audit(dial, profile, tmp_path / "out", episodes=30, seed=3)
@@ -94,9 +94,7 @@ def test_what_is_not_tested_with_a_rule_is_refused(profile: Path, tmp_path: Path
         ('world = "crossing7"\ndefault', 'world = "crossing5"\ndefault', "not for crossing7"),
     ],
 )
-def test_a_bad_rule_is_refused_with_the_line_of_its_table(
-    profile: Path, old: str, new: str, message: str
-) -> None:
+def test_a_bad_rule_is_refused_with_the_line_of_its_table(profile, old, new, message):
     text = profile.read_text()
     assert old in text
     line = text[: text.index("[angle_rule]")].count("\n") + 1
@@ -105,7 +103,7 @@ def test_a_bad_rule_is_refused_with_the_line_of_its_table(
     assert str(caught.value).startswith(f"profile.toml:{line}:")
 
 
-def test_contexts_are_read_as_they_are_written() -> None:
+def test_contexts_are_read_as_they_are_written():
     random = np.random.default_rng(0)
     losses = ContextLosses(
         random.normal(size=(3, 2)), random.normal(size=(3, 2, 2)), np.arange(6).reshape(3, 2)

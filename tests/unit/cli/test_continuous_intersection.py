@@ -1,7 +1,6 @@
 """The intersection with continuous actions from the command line: train, collect, evaluate."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,14 +16,14 @@ pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 @pytest.fixture(scope="module")
-def dial(tmp_path_factory) -> Path:
+def dial(tmp_path_factory):
     out = tmp_path_factory.mktemp("dial") / "run"
     words = ["train", "sac", "--world", WORLD, "--set", "dial=true", "times=20"]
     assert main([*words, "--set", "view=set", *SMALL, "--out", str(out)]) == 0
     return out / "dial_0.safetensors"
 
 
-def test_a_dial_of_the_core_sees_the_time_and_is_evaluated_at_an_angle(dial, capsys) -> None:
+def test_a_dial_of_the_core_sees_the_time_and_is_evaluated_at_an_angle(dial, capsys):
     assert (ActorDial.load(dial).n_features, ActorDial.load(dial).action_size) == (71, 1)
     found = []
     for words in ((), ("--angle", "45")):
@@ -36,7 +35,7 @@ def test_a_dial_of_the_core_sees_the_time_and_is_evaluated_at_an_angle(dial, cap
 
 
 @pytest.mark.slow
-def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, capsys) -> None:
+def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, capsys):
     data = tmp_path / "drives.safetensors"
     words = ["collect", WORLD, "--driver", f"one={dial}", "--episodes", "3", "--clock"]
     assert main([*words, "--out", str(data)]) == 0
@@ -87,7 +86,7 @@ def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, ca
         (["collect", WORLD, "--out", "x.safetensors"], "name the drivers"),
     ],
 )
-def test_mistakes_are_one_line(words, says, dial, capsys, tmp_path, monkeypatch) -> None:
+def test_mistakes_are_one_line(words, says, dial, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = [str(dial) if word == "DIAL" else word for word in words]
     assert main(given) == 2
@@ -95,13 +94,13 @@ def test_mistakes_are_one_line(words, says, dial, capsys, tmp_path, monkeypatch)
     assert says.replace("DIAL", str(dial)) in line and line.count("\n") == 1
 
 
-def test_an_expert_of_the_atlas_is_drawn(tmp_path) -> None:
+def test_an_expert_of_the_atlas_is_drawn(tmp_path):
     out = tmp_path / "drive.png"
     words = ["render", WORLD, "--driver", "expert_egoistic", "--seed", "3", "--out", str(out)]
     assert main(words) == 0 and out.stat().st_size > 1000
 
 
-def test_in_a_world_of_discrete_actions_it_is_refused(dial, capsys) -> None:
+def test_in_a_world_of_discrete_actions_it_is_refused(dial, capsys):
     assert main(["evaluate", str(dial), "--world", "crossing7"]) == 2
     line = "the world has 6 and 3 discrete actions"
     assert capsys.readouterr().err.count(line) == 1

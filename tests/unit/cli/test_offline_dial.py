@@ -24,7 +24,7 @@ def crossing_file(tmp_path_factory):
     return path
 
 
-def test_a_dial_of_a_gridworld(crossing, tmp_path, capsys) -> None:
+def test_a_dial_of_a_gridworld(crossing, tmp_path, capsys):
     out = tmp_path / "run"
     arguments = ["train", "offline-dial", str(crossing), "--world", "crossing5", *SMALL]
     capsys.readouterr()
@@ -39,7 +39,7 @@ def test_a_dial_of_a_gridworld(crossing, tmp_path, capsys) -> None:
 
 
 @pytest.mark.slow
-def test_a_dial_of_the_intersection(tmp_path) -> None:
+def test_a_dial_of_the_intersection(tmp_path):
     """From random rows of its sizes: 10 vehicles of 7 numbers, 3 actions."""
     rng = np.random.default_rng(0)
     data = Demonstrations.of(
@@ -86,20 +86,20 @@ def test_a_training_that_is_stopped_leaves_nothing(crossing, tmp_path, monkeypat
         (["--preset", "online"], "unknown option --preset"),
     ],
 )
-def test_what_makes_no_sense_is_refused(more, line, crossing, tmp_path, capsys) -> None:
+def test_what_makes_no_sense_is_refused(more, line, crossing, tmp_path, capsys):
     out = ["--world", "crossing5", "--out", str(tmp_path / "run")]
     assert main(["train", "offline-dial", str(crossing), *SMALL, *more, *out]) == 2
     assert line in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
-def test_demonstrations_of_another_world_are_refused(crossing, tmp_path, capsys) -> None:
+def test_demonstrations_of_another_world_are_refused(crossing, tmp_path, capsys):
     arguments = ["train", "offline-dial", str(crossing), "--world", "intersection"]
     assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
     assert "they belong to another world" in capsys.readouterr().err
 
 
-def test_data_without_social_rewards_make_no_dial(crossing, tmp_path, capsys) -> None:
+def test_data_without_social_rewards_make_no_dial(crossing, tmp_path, capsys):
     data = files.load(crossing)
     zero = np.zeros_like(data.rewards.social)
     alone = dataclasses.replace(data, rewards=RewardPair(data.rewards.env, zero))

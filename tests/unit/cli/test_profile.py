@@ -77,6 +77,7 @@ def test_a_declaration_is_not_replaced_by_accident(tmp_path, capsys):
         (["--owner", "a\nb"], "owner must be 1 to 200 characters"),
         (["--world", "crossing9"], "choose one of crossing5, crossing7, crosswalk7"),
         (["--confidence", "2"], "confidence must be a number"),
+        (["--delay-range", "-9", "9"], "--delay-range is of a bound: add --max-delay"),
     ],
 )
 def test_mistakes_leave_no_file(tmp_path, capsys, more, mend):
@@ -233,6 +234,3 @@ def test_a_bound_that_the_best_driver_fails_is_refused_with_the_figure(
         r"at (most|least) .*: declare another limit\n$",
         fault,
     ), fault
-    assert main(["profile", "check", str(path)]) == 2
-    assert new(path, "--delay-range", "-9", "9", "--replace") == 2
-    assert "--delay-range is of a bound: add --max-delay" in capsys.readouterr().err

@@ -32,7 +32,7 @@ def actor(features: int, bias: float, provenance: dict | None = None) -> ActorPo
 
 
 @pytest.fixture(scope="module")
-def policies(tmp_path_factory) -> dict[str, str]:
+def policies(tmp_path_factory):
     """Files by name: a dial and two policies that see the time, and one that does not."""
     folder = tmp_path_factory.mktemp("policies")
     ActorDial(actor(71 + 2, 0.2), 0.0, 90.0).save(folder / "dial.safetensors")
@@ -48,7 +48,7 @@ def printed(words: list[str], policies: dict[str, str], capsys) -> dict:
 
 
 @pytest.mark.parametrize("world", [WORLD, ENDS])
-def test_the_share_off_the_road_stands_beside_collisions(world, policies, capsys) -> None:
+def test_the_share_off_the_road_stands_beside_collisions(world, policies, capsys):
     words = ["evaluate", "FIRST", "--world", world, "--episodes", "20"]
     found = printed(words, policies, capsys)
     assert list(found).index("off_road") < list(found).index("ego_struck")
@@ -59,12 +59,12 @@ def test_the_share_off_the_road_stands_beside_collisions(world, policies, capsys
     assert "off road" in capsys.readouterr().out.splitlines()[0]
 
 
-def test_discrete_actions_have_no_such_share(capsys, policies) -> None:
+def test_discrete_actions_have_no_such_share(capsys, policies):
     found = printed(["evaluate", "go", "--world", "intersection", "--episodes", "3"], {}, capsys)
     assert "off_road" not in found
 
 
-def test_policies_of_one_angle_are_pooled(policies, capsys) -> None:
+def test_policies_of_one_angle_are_pooled(policies, capsys):
     for name, angle in (("FIRST", 30.0), ("TIMELESS", None)):
         assert target_of(driver_of(str(policies[name]), build(WORLD)).record) == angle
     words = ["evaluate", "FIRST", "SECOND", "--world", WORLD, "--episodes", "3"]
@@ -74,7 +74,7 @@ def test_policies_of_one_angle_are_pooled(policies, capsys) -> None:
 
 
 @pytest.mark.parametrize("world", [WORLD, ENDS])
-def test_a_dial_is_driven_at_every_angle(world, policies, capsys) -> None:
+def test_a_dial_is_driven_at_every_angle(world, policies, capsys):
     words = ["dial", world, "--policy", "DIAL", "--every", "45", "--episodes", "6"]
     rows = printed(words, policies, capsys)["angles"]
     assert [row["angle"] for row in rows] == [0.0, 45.0, 90.0]
@@ -84,7 +84,7 @@ def test_a_dial_is_driven_at_every_angle(world, policies, capsys) -> None:
     assert (rows[1]["r_env"], rows[1]["arrival"]) == (same["r_env"], same["arrival"])
 
 
-def test_an_environment_shows_the_time_to_a_policy_that_takes_it(policies, capsys) -> None:
+def test_an_environment_shows_the_time_to_a_policy_that_takes_it(policies, capsys):
     named = "socialiq/IntersectionContinuousSteeringOffroad-v1"
     words = ["evaluate", "FIRST", "--world", named, "--episodes", "3"]
     found = printed(words, policies, capsys)
@@ -120,7 +120,7 @@ def test_an_environment_shows_the_time_to_a_policy_that_takes_it(policies, capsy
         ),
     ],
 )
-def test_mistakes_are_one_line(words, says, policies, capsys, tmp_path, monkeypatch) -> None:
+def test_mistakes_are_one_line(words, says, policies, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main([policies.get(word, word) for word in words]) == 2
     line = capsys.readouterr().err
@@ -128,7 +128,7 @@ def test_mistakes_are_one_line(words, says, policies, capsys, tmp_path, monkeypa
     assert not list(Path().iterdir())
 
 
-def test_an_audit_counts_no_arrival_off_the_road(policies, capsys, tmp_path, monkeypatch) -> None:
+def test_an_audit_counts_no_arrival_off_the_road(policies, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["profile", "new", "--world", ENDS, "--angle", "45", "--out", "p.toml"]) == 0
     given = ["--profile", "p.toml", "--episodes", "20", "--seed", "7", "--no-log", "--out", "out"]

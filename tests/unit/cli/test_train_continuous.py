@@ -1,7 +1,5 @@
 """Mistakes in a training with continuous actions: one line each, status 2, nothing written."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ PRESET = "intersection-continuous"
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
+def data(tmp_path_factory):
     path = tmp_path_factory.mktemp("data") / "drives.safetensors"
     rng = np.random.default_rng(0)
     table = Demonstrations.of(
@@ -72,7 +70,7 @@ OFFLINE = ("--standardise", "--value-term", "value_expert")
         ),
     ],
 )
-def test_mistakes_are_refused(words, says, data, tmp_path, capsys) -> None:
+def test_mistakes_are_refused(words, says, data, tmp_path, capsys):
     out = tmp_path / "run"
     learner, options = ("iq-learn", words)
     if words and not words[0].startswith("-"):
@@ -102,7 +100,7 @@ def test_other_commands_say_what_they_take(words, says, data, tmp_path, capsys, 
     assert says in line and line.count("\n") == 1
 
 
-def test_options_of_continuous_actions_are_refused_with_discrete_ones(tmp_path, capsys) -> None:
+def test_options_of_continuous_actions_are_refused_with_discrete_ones(tmp_path, capsys):
     path = tmp_path / "mixed.safetensors"
     assert main(["collect", "crossing5", "--episodes", "1", "--out", str(path)]) == 0
     capsys.readouterr()
@@ -111,7 +109,7 @@ def test_options_of_continuous_actions_are_refused_with_discrete_ones(tmp_path, 
     assert "there is no setting dial" in capsys.readouterr().err
 
 
-def test_standardise_is_of_continuous_actions(tmp_path, capsys) -> None:
+def test_standardise_is_of_continuous_actions(tmp_path, capsys):
     path = tmp_path / "mixed.safetensors"
     assert main(["collect", "crossing5", "--episodes", "1", "--out", str(path)]) == 0
     capsys.readouterr()
@@ -124,7 +122,7 @@ ONLINE = ["--world", "Pendulum-v1", "--set", "updates_per_round=20"]
 
 
 @pytest.mark.parametrize("more", [[], pytest.param(ONLINE, marks=pytest.mark.slow)])
-def test_standardised_policies_take_observations_as_they_are(more, data, tmp_path) -> None:
+def test_standardised_policies_take_observations_as_they_are(more, data, tmp_path):
     out = tmp_path / "run"
     words = ["--standardise", "--updates", "20", "--hidden", "8", "--set", "batch_size=4"]
     words += more or ["--value-term", "value_expert"]
@@ -140,7 +138,7 @@ def test_standardised_policies_take_observations_as_they_are(more, data, tmp_pat
     assert first.max() < 1.0  # near its first range of 1/sqrt(3)
 
 
-def test_features_that_are_left_out_do_not_change_a_policy(data, tmp_path) -> None:
+def test_features_that_are_left_out_do_not_change_a_policy(data, tmp_path):
     out = tmp_path / "run"
     words = ["--standardise", "--leave-out", "0", "2"]
     small = ["--updates", "20", "--hidden", "8", "--set", "batch_size=4", "--out", str(out)]

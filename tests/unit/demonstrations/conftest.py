@@ -1,4 +1,4 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -52,10 +52,10 @@ def same(a: Demonstrations, b: Demonstrations) -> bool:
 
 
 @pytest.fixture(name="make", scope="session")
-def make_fixture() -> Callable[..., Demonstrations]:
+def make_fixture():
     return make
 
 
 @pytest.fixture(name="same", scope="session")
-def same_fixture() -> Callable[[Demonstrations, Demonstrations], bool]:
+def same_fixture():
     return same

@@ -17,7 +17,7 @@ Make = Callable[..., Demonstrations]
 
 
 @pytest.fixture(name="table")
-def three_rows(make: Make) -> Demonstrations:
+def three_rows(make):
     """A -> B -> end and A -> end, with rewards (1, 4) and (5); r_social is twice r_env."""
     observation = np.array([[0, 1], [1, 0], [0, 1]], np.float32)
     env = np.array([1.0, 4.0, 5.0])
@@ -26,27 +26,25 @@ def three_rows(make: Make) -> Demonstrations:
     )
 
 
-def test_both_rewards_by_hand(table: Demonstrations) -> None:
+def test_both_rewards_by_hand(table):
     """At discount 1/2: G = 3, 4, 5; V = 4, 4, 4; A = 1 + 4/2 - 4, 4 - 4, 5 - 4."""
     found = table.returns("advantage", 0.5)
     np.testing.assert_array_equal(found.env, [-1.0, 0.0, 1.0])
     np.testing.assert_array_equal(found.social, [-2.0, 0.0, 2.0])
 
 
-def test_what_is_given_is_the_callers_own(table: Demonstrations) -> None:
+def test_what_is_given_is_the_callers_own(table):
     table.returns("advantage", 0.5).env[:] = 99.0
     np.testing.assert_array_equal(table.returns("advantage", 0.5).env, [-1.0, 0.0, 1.0])
     np.testing.assert_array_equal(table.returns("advantage", 0.0).env, [1 - 3, 0.0, 5 - 3])
 
 
-def test_states_that_never_repeat(make: Make) -> None:
+def test_states_that_never_repeat(make):
     with pytest.raises(UserError, match="advantage_fitted"):
         make([3, 2]).returns("advantage", 0.9)
 
 
-def test_a_network_finds_nearly_what_the_table_gives(
-    make: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_network_finds_nearly_what_the_table_gives(make, monkeypatch):
     """Four states that pay by chance; the network sees them as numbers that differ in each row."""
     monkeypatch.setattr(regression, "cross_fitted", partial(cross_fitted, steps=500))
     rng = np.random.default_rng(0)
@@ -61,7 +59,7 @@ def test_a_network_finds_nearly_what_the_table_gives(
         assert np.sqrt(np.mean((one - other) ** 2)) < 0.4 * one.std()
 
 
-def test_a_fit_is_made_once(table: Demonstrations, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_is_made_once(table, monkeypatch):
     calls = []
 
     def counted(*_: object) -> np.ndarray:
@@ -74,6 +72,6 @@ def test_a_fit_is_made_once(table: Demonstrations, monkeypatch: pytest.MonkeyPat
     assert calls == ["fit"]
 
 
-def test_gaps_are_refused(table: Demonstrations) -> None:
+def test_gaps_are_refused(table):
     with pytest.raises(UserError, match="misses steps"):
         table.subsample(2).returns("advantage", 0.9)

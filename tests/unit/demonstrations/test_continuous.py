@@ -2,8 +2,6 @@
 
 import dataclasses
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +27,7 @@ def drives(size: int = 2, rows: int = 6) -> Demonstrations:
     )
 
 
-def test_a_table_has_float_actions_and_their_size() -> None:
+def test_a_table_has_float_actions_and_their_size():
     table = drives()
     assert table.action.dtype == np.float32 and table.action.shape == (6, 2)
     assert (table.action_size, table.n_actions) == (2, 0)
@@ -38,7 +36,7 @@ def test_a_table_has_float_actions_and_their_size() -> None:
     assert concatenate([table, table]).action.shape == (12, 2)
 
 
-def test_a_file_comes_back_and_is_of_the_second_version(tmp_path: Path) -> None:
+def test_a_file_comes_back_and_is_of_the_second_version(tmp_path):
     path, table = tmp_path / "drives.safetensors", drives()
     sha256 = files.save(path, table)
     again = files.load(path, continuous=True)
@@ -47,13 +45,13 @@ def test_a_file_comes_back_and_is_of_the_second_version(tmp_path: Path) -> None:
     assert load_arrays(path, "demonstrations", 2)[1]["version"] == 2
 
 
-def test_a_command_of_discrete_actions_refuses_the_file(tmp_path: Path) -> None:
+def test_a_command_of_discrete_actions_refuses_the_file(tmp_path):
     files.save(tmp_path / "drives.safetensors", drives())
     with pytest.raises(UserError, match="has continuous actions"):
         files.load(tmp_path / "drives.safetensors")
 
 
-def test_discrete_actions_under_the_second_version_are_refused(tmp_path: Path) -> None:
+def test_discrete_actions_under_the_second_version_are_refused(tmp_path):
     path, table = tmp_path / "odd.safetensors", drives()
     header = files.header_of(table) | {"n_actions": 3}
     save_arrays(path, "demonstrations", 2, table.arrays(), header)
@@ -74,13 +72,13 @@ def test_discrete_actions_under_the_second_version_are_refused(tmp_path: Path) -
         (np.zeros((6, 2), np.float64), "column action is float64"),
     ],
 )
-def test_actions_that_are_none_are_refused(action: Any, says: str) -> None:
+def test_actions_that_are_none_are_refused(action, says):
     exact = action.dtype == np.float64 and says.endswith("float64")
     given = action if exact or action.dtype.kind == "i" else action.astype(np.float32)
     with pytest.raises(UserError, match=re.escape(says)):
         dataclasses.replace(drives(), action=given)
 
 
-def test_tables_of_other_sizes_do_not_mix() -> None:
+def test_tables_of_other_sizes_do_not_mix():
     with pytest.raises(UserError, match="differ in action_size"):
         concatenate([drives(1), drives(2)])

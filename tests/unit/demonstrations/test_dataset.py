@@ -34,7 +34,7 @@ def rows_of(table: Demonstrations, episode: int) -> list[bytes]:
     return [c[keep].tobytes() for name, c in table.arrays().items() if name != "episode"]
 
 
-def test_the_table_is_what_learners_read(make: Make) -> None:
+def test_the_table_is_what_learners_read(make):
     table: Transitions = make([3, 2])
     for name in ("observation", "action", "next_observation", "ending", "rewards"):
         assert getattr(table, name) is not None
@@ -42,7 +42,7 @@ def test_the_table_is_what_learners_read(make: Make) -> None:
         table.n_actions = 4  # pyright: ignore
 
 
-def test_shapes_of_a_table(make: Make) -> None:
+def test_shapes_of_a_table(make):
     table = make([3, 1, 2], [0, 2, 0], n_features=5)
     assert (table.n_transitions, table.n_episodes, table.n_features) == (6, 3, 5)
     np.testing.assert_array_equal(table.episode_starts, [0, 3, 4])
@@ -55,7 +55,7 @@ def test_shapes_of_a_table(make: Make) -> None:
 
 
 @given(tables())
-def test_episodes_partition_the_rows(make: Make, arguments: dict) -> None:
+def test_episodes_partition_the_rows(make, arguments):
     table = make(**arguments)
     assert table.episode_lengths.tolist() == arguments["lengths"]
     assert table.episode_modes.tolist() == arguments["modes"]
@@ -66,7 +66,7 @@ def test_episodes_partition_the_rows(make: Make, arguments: dict) -> None:
     assert sum(rows for _, rows in table.counts().values()) == table.n_transitions
 
 
-def test_totals_and_returns_by_hand(make: Make) -> None:
+def test_totals_and_returns_by_hand(make):
     env, social = np.array([1.0, 2.0, 4.0, 8.0, 16.0]), np.array([0.0, 0.0, -4.0, 1.0, 1.0])
     table = dataclasses.replace(make([3, 2]), rewards=RewardPair(env, social))
     totals = table.totals()
@@ -83,9 +83,7 @@ def test_totals_and_returns_by_hand(make: Make) -> None:
 
 
 @given(tables(), st.data())
-def test_select_keeps_whole_episodes_in_the_order_given(
-    make: Make, arguments: dict, data: st.DataObject
-) -> None:
+def test_select_keeps_whole_episodes_in_the_order_given(make, arguments, data):
     table = make(**arguments)
     chosen = data.draw(st.lists(st.integers(0, table.n_episodes - 1), min_size=1, max_size=10))
     selected = table.select(np.array(chosen))
@@ -96,9 +94,7 @@ def test_select_keeps_whole_episodes_in_the_order_given(
 
 
 @given(tables(), st.data())
-def test_select_undoes_a_permutation(
-    make: Make, same: Same, arguments: dict, data: st.DataObject
-) -> None:
+def test_select_undoes_a_permutation(make, same, arguments, data):
     table = make(**arguments)
     order = np.array(data.draw(st.permutations(range(table.n_episodes))))
     assert same(table.select(order).select(np.argsort(order)), table)
@@ -114,15 +110,13 @@ def test_select_undoes_a_permutation(
         (np.array([0.0]), "as integers"),
     ],
 )
-def test_select_refuses_what_is_no_episode(make: Make, episodes: np.ndarray, message: str) -> None:
+def test_select_refuses_what_is_no_episode(make, episodes, message):
     with pytest.raises(UserError, match=message):
         make([2, 2]).select(episodes)
 
 
 @given(tables(), st.data())
-def test_concatenate_undoes_select(
-    make: Make, same: Same, arguments: dict, data: st.DataObject
-) -> None:
+def test_concatenate_undoes_select(make, same, arguments, data):
     table = make(**arguments)
     cut = data.draw(st.integers(0, table.n_episodes - 1))
     numbers = np.arange(table.n_episodes)
@@ -131,7 +125,7 @@ def test_concatenate_undoes_select(
 
 
 @given(st.lists(tables(), min_size=1, max_size=4))
-def test_select_undoes_concatenate(make: Make, same: Same, arguments: list[dict]) -> None:
+def test_select_undoes_concatenate(make, same, arguments):
     parts = [make(**each) for each in arguments]
     whole = concatenate(parts)
     ends = np.cumsum([part.n_episodes for part in parts])
@@ -140,7 +134,7 @@ def test_select_undoes_concatenate(make: Make, same: Same, arguments: list[dict]
         assert same(dataclasses.replace(found, source=part.source), part)
 
 
-def test_concatenate_matches_modes_by_name(make: Make) -> None:
+def test_concatenate_matches_modes_by_name(make):
     first = make([2, 1], [0, 1], mode_names=("a", "b"))
     second = make([1, 3], [0, 1], mode_names=("c", "a"), seed=1)
     whole = concatenate([first, second])
@@ -150,7 +144,7 @@ def test_concatenate_matches_modes_by_name(make: Make) -> None:
     assert whole.counts() == {"a": (2, 5), "b": (1, 1), "c": (1, 1)}
 
 
-def test_concatenate_lists_distinct_sources_once(make: Make) -> None:
+def test_concatenate_lists_distinct_sources_once(make):
     first, second = make([1], seed=1), make([1], seed=2)
     assert concatenate([first, second, first]).source == {
         "made_by": "concatenate",
@@ -165,20 +159,18 @@ def test_concatenate_lists_distinct_sources_once(make: Make) -> None:
         ({"n_actions": 5}, r"differ in n_actions \(3, 5\)"),
     ],
 )
-def test_concatenate_refuses_other_worlds(make: Make, other: dict, message: str) -> None:
+def test_concatenate_refuses_other_worlds(make, other, message):
     with pytest.raises(UserError, match=message):
         concatenate([make([1]), make([1], **other)])
 
 
-def test_concatenate_refuses_nothing() -> None:
+def test_concatenate_refuses_nothing():
     with pytest.raises(UserError, match="pass at least one table"):
         concatenate([])
 
 
 @given(tables(), st.integers(1, 4), st.data())
-def test_subsample_keeps_every_nth_row_of_each_episode(
-    make: Make, arguments: dict, every: int, data: st.DataObject
-) -> None:
+def test_subsample_keeps_every_nth_row_of_each_episode(make, arguments, every, data):
     table = make(**arguments)
     offset = data.draw(st.integers(0, min(arguments["lengths"]) - 1))
     thin = table.subsample(every, offset)
@@ -195,7 +187,7 @@ def test_subsample_keeps_every_nth_row_of_each_episode(
     }
 
 
-def test_subsample_may_lose_the_end_of_an_episode(make: Make) -> None:
+def test_subsample_may_lose_the_end_of_an_episode(make):
     table = make([3, 4])
     table.ending[-1], table.terminated[-1], table.truncated[-1] = Ending.TIMEOUT, False, True
     thin = table.subsample(2)
@@ -205,9 +197,7 @@ def test_subsample_may_lose_the_end_of_an_episode(make: Make) -> None:
 
 
 @given(tables(), st.integers(1, 4), st.integers(0, 9))
-def test_one_row_of_each_block_is_kept_and_terminal_rows(
-    make: Make, arguments: dict, size: int, seed: int
-) -> None:
+def test_one_row_of_each_block_is_kept_and_terminal_rows(make, arguments, size, seed):
     table = make(**arguments)
     thin = table.one_of_each_block(size, seed)
     for number in range(table.n_episodes):
@@ -228,7 +218,7 @@ def test_one_row_of_each_block_is_kept_and_terminal_rows(
     }
 
 
-def test_a_block_without_rows_is_refused(make: Make) -> None:
+def test_a_block_without_rows_is_refused(make):
     with pytest.raises(UserError, match="use a block of 1 or more rows"):
         make([3]).one_of_each_block(0, 0)
 
@@ -241,14 +231,12 @@ def test_a_block_without_rows_is_refused(make: Make) -> None:
         (1, 2, "would empty episode 1 of 2 transitions: use an offset below 2"),
     ],
 )
-def test_subsample_refuses_what_it_cannot_keep(
-    make: Make, every: int, offset: int, message: str
-) -> None:
+def test_subsample_refuses_what_it_cannot_keep(make, every, offset, message):
     with pytest.raises(UserError, match=re.escape(message)):
         make([3, 2, 4]).subsample(every, offset)
 
 
-def test_mode_names_can_be_reordered_and_widened(make: Make) -> None:
+def test_mode_names_can_be_reordered_and_widened(make):
     table = make([2, 1], [2, 0])
     renamed = table.with_mode_names(("altruistic", "malicious", "egoistic"))
     np.testing.assert_array_equal(renamed.mode, [0, 0, 2])

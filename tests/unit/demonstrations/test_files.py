@@ -39,19 +39,19 @@ def refusal(path: Path) -> str:
 
 @given(st.lists(st.integers(1, 6), min_size=1, max_size=8), st.integers(0, 1000))
 def test_round_trip(
-    tmp_path_factory: pytest.TempPathFactory,
-    make: Make,
-    same: Same,
-    lengths: list[int],
-    seed: int,
-) -> None:
+    tmp_path_factory,
+    make,
+    same,
+    lengths,
+    seed,
+):
     table = make(lengths, [number % 3 for number in range(len(lengths))], seed=seed)
     path = tmp_path_factory.getbasetemp() / "round_trip.safetensors"
     save(path, table)
     assert same(load(path), table)
 
 
-def test_the_hash_is_of_the_content(tmp_path: Path, make: Make) -> None:
+def test_the_hash_is_of_the_content(tmp_path, make):
     first = save(tmp_path / "a", make([2, 3], seed=1))
     assert save(tmp_path / "b", make([2, 3], seed=1)) == first
     assert save(tmp_path / "c", make([2, 3], seed=2)) != first
@@ -59,7 +59,7 @@ def test_the_hash_is_of_the_content(tmp_path: Path, make: Make) -> None:
 
 
 @pytest.mark.parametrize("name", LAYOUT)
-def test_a_missing_column_is_refused(tmp_path: Path, make: Make, name: str) -> None:
+def test_a_missing_column_is_refused(tmp_path, make, name):
     table = make([2, 3])
     arrays = table.arrays()
     del arrays[name]
@@ -68,7 +68,7 @@ def test_a_missing_column_is_refused(tmp_path: Path, make: Make, name: str) -> N
 
 
 @pytest.mark.parametrize("name", LAYOUT)
-def test_a_column_of_wrong_type_or_shape_is_refused(tmp_path: Path, make: Make, name: str) -> None:
+def test_a_column_of_wrong_type_or_shape_is_refused(tmp_path, make, name):
     table = make([2, 3])
     arrays, path = table.arrays(), tmp_path / "a"
     write(path, {**arrays, name: arrays[name].astype(np.float16)}, header_of(table))
@@ -77,7 +77,7 @@ def test_a_column_of_wrong_type_or_shape_is_refused(tmp_path: Path, make: Make, 
     assert f"column {name} has {arrays[name].ndim + 1} axes" in refusal(path)
 
 
-def test_columns_that_are_no_table_are_refused(tmp_path: Path, make: Make) -> None:
+def test_columns_that_are_no_table_are_refused(tmp_path, make):
     table = make([2, 3])
     arrays = table.arrays()
     arrays["r_env"][3] = np.nan
@@ -97,7 +97,7 @@ def test_columns_that_are_no_table_are_refused(tmp_path: Path, make: Make) -> No
         {"source": []},
     ],
 )
-def test_a_malformed_header_is_refused(tmp_path: Path, make: Make, changes: dict) -> None:
+def test_a_malformed_header_is_refused(tmp_path, make, changes):
     table = make([2, 3])
     path = tmp_path / "a"
     write(path, table.arrays(), {**header_of(table), **changes})
@@ -107,7 +107,7 @@ def test_a_malformed_header_is_refused(tmp_path: Path, make: Make, changes: dict
     assert "lacks mode_names, n_actions or source" in refusal(path)
 
 
-def test_header_values_that_do_not_fit_are_refused(tmp_path: Path, make: Make) -> None:
+def test_header_values_that_do_not_fit_are_refused(tmp_path, make):
     table = make([2, 3])
     path = tmp_path / "a"
     write(path, table.arrays(), {**header_of(table), "n_actions": True})
@@ -116,7 +116,7 @@ def test_header_values_that_do_not_fit_are_refused(tmp_path: Path, make: Make) -
     assert "column mode, row 0: outside [0, 0)" in refusal(path)
 
 
-def test_other_files_are_refused(tmp_path: Path, make: Make) -> None:
+def test_other_files_are_refused(tmp_path, make):
     table, path = make([2]), tmp_path / "a"
     storage.save_arrays(path, KIND, SCHEMA_VERSION + 2, table.arrays(), header_of(table))
     assert "schema version 3, this program reads version 1 or 2" in refusal(path)

@@ -24,7 +24,7 @@ MODES: tuple[str, ...] = ("egoistic", "prosocial", "altruistic")
 
 
 @pytest.fixture(name="pools", scope="module")
-def three_pools(make: Make) -> Pools:
+def three_pools(make):
     """Egoists are quick, altruists slow: 12 episodes each of 2, 2..7 and 13 transitions."""
     lengths = [[2] * 12, [2, 3, 4, 5, 6, 7] * 2, [13] * 12]
     return {
@@ -64,7 +64,7 @@ def draw_each(pools: Pools, seed: int) -> dict[str, Demonstrations]:
 
 
 @given(st.integers(1, 12), st.integers(0, 100))
-def test_equal_trajectories_counts_episodes(pools: Pools, each: int, seed: int) -> None:
+def test_equal_trajectories_counts_episodes(pools, each, seed):
     mixed = equal_trajectories(pools, each, seed)
     assert {mode: episodes for mode, (episodes, _) in mixed.counts().items()} == dict.fromkeys(
         MODES, each
@@ -74,7 +74,7 @@ def test_equal_trajectories_counts_episodes(pools: Pools, each: int, seed: int) 
 
 
 @given(st.integers(1, 24), st.integers(0, 100))
-def test_equal_transitions_counts_transitions(pools: Pools, each: int, seed: int) -> None:
+def test_equal_transitions_counts_transitions(pools, each, seed):
     mixed = equal_transitions(pools, each, seed)
     bounds = dict(zip(MODES, (2, 7, 13), strict=True))
     for mode, (episodes, transitions) in mixed.counts().items():
@@ -85,7 +85,7 @@ def test_equal_transitions_counts_transitions(pools: Pools, each: int, seed: int
         assert abs(transitions - each) <= abs(transitions - lengths[-1] - each) or episodes == 1
 
 
-def test_equal_transitions_is_exact_where_lengths_divide(pools: Pools) -> None:
+def test_equal_transitions_is_exact_where_lengths_divide(pools):
     two = {mode: pools[mode] for mode in ("egoistic", "altruistic")}
     counts = equal_transitions(two, 13, seed=0).counts()
     assert counts["altruistic"] == (1, 13)
@@ -93,13 +93,13 @@ def test_equal_transitions_is_exact_where_lengths_divide(pools: Pools) -> None:
     assert equal_transitions({"egoistic": pools["egoistic"]}, 24, seed=0).n_episodes == 12
 
 
-def test_equal_transitions_takes_the_episode_only_if_that_is_nearer(make: Make) -> None:
+def test_equal_transitions_takes_the_episode_only_if_that_is_nearer(make):
     pool = {"a": make([10] * 3, mode_names=("a",))}
     found = [equal_transitions(pool, n, seed=0).n_transitions for n in (1, 14, 16, 25, 26, 30)]
     assert found == [10, 10, 20, 20, 30, 30]
 
 
-def test_weighted_shares_episodes(pools: Pools) -> None:
+def test_weighted_shares_episodes(pools):
     weights = {"prosocial": 0.5, "egoistic": 0.25, "altruistic": 0.25}
     mixed = weighted(pools, weights, 10, seed=1)
     episodes = {mode: n for mode, (n, _) in mixed.counts().items()}
@@ -107,7 +107,7 @@ def test_weighted_shares_episodes(pools: Pools) -> None:
     assert episodes == {"egoistic": 3, "prosocial": 5, "altruistic": 2}
 
 
-def test_a_mode_of_weight_0_keeps_its_name(pools: Pools) -> None:
+def test_a_mode_of_weight_0_keeps_its_name(pools):
     mixed = weighted(pools, {"egoistic": 1.0, "prosocial": 0.0, "altruistic": 1.0}, 4, seed=0)
     assert {m: n for m, (n, _) in mixed.counts().items()} == {
         "egoistic": 2,
@@ -119,26 +119,26 @@ def test_a_mode_of_weight_0_keeps_its_name(pools: Pools) -> None:
 @pytest.mark.parametrize(
     ("share", "expected"), [(0.0, (10, 0)), (0.1, (9, 1)), (0.25, (8, 2)), (1.0, (0, 10))]
 )
-def test_contaminated_has_its_share(pools: Pools, share: float, expected: tuple[int, int]) -> None:
+def test_contaminated_has_its_share(pools, share, expected):
     mixed = contaminated(pools, "prosocial", "egoistic", share, 10, seed=0)
     assert mixed.mode_names == ("prosocial", "egoistic")
     assert tuple(episodes for episodes, _ in mixed.counts().values()) == expected
 
 
 @given(st.integers(0, 2**32))
-def test_no_episode_is_drawn_twice_and_all_can_be(pools: Pools, seed: int) -> None:
+def test_no_episode_is_drawn_twice_and_all_can_be(pools, seed):
     mixed = equal_trajectories(pools, 12, seed)
     for pool in pools.values():
         assert sorted(drawn(mixed, pool)) == list(range(12))
 
 
-def test_a_larger_draw_contains_the_smaller(pools: Pools) -> None:
+def test_a_larger_draw_contains_the_smaller(pools):
     small, large = (equal_trajectories(pools, each, seed=7) for each in (3, 9))
     for pool in pools.values():
         assert drawn(small, pool) == drawn(large, pool)[:3]
 
 
-def test_a_pool_is_drawn_alike_whatever_the_others_hold(pools: Pools) -> None:
+def test_a_pool_is_drawn_alike_whatever_the_others_hold(pools):
     fewer = {**pools, "egoistic": pools["egoistic"].select(np.arange(5))}
     for mode in ("prosocial", "altruistic"):
         assert drawn(equal_trajectories(fewer, 3, 7), pools[mode]) == drawn(
@@ -146,19 +146,19 @@ def test_a_pool_is_drawn_alike_whatever_the_others_hold(pools: Pools) -> None:
         )
 
 
-def test_pools_of_one_size_are_drawn_in_different_orders(pools: Pools) -> None:
+def test_pools_of_one_size_are_drawn_in_different_orders(pools):
     mixed = equal_trajectories(pools, 12, seed=7)
     assert len({tuple(drawn(mixed, pool)) for pool in pools.values()}) == len(pools)
 
 
-def test_every_mixture_is_decided_by_its_seed(pools: Pools, same: Same) -> None:
+def test_every_mixture_is_decided_by_its_seed(pools, same):
     first, again, other = (draw_each(pools, seed) for seed in (3, 3, 4))
     for name in MIXTURES:
         assert same(first[name], again[name])
         assert first[name].observation.tobytes() != other[name].observation.tobytes()
 
 
-def test_every_mixture_tells_how_it_was_made(pools: Pools) -> None:
+def test_every_mixture_tells_how_it_was_made(pools):
     for name, mixed in draw_each(pools, 3).items():
         assert mixed.source["made_by"] == name
         assert mixed.source["seed"] == 3
@@ -171,48 +171,53 @@ def test_every_mixture_tells_how_it_was_made(pools: Pools) -> None:
     }
 
 
-def test_too_small_pools_are_refused_with_both_numbers(pools: Pools) -> None:
-    with pytest.raises(UserError, match="mode 'egoistic' needs 13 episodes and its pool has 12"):
-        equal_trajectories(pools, 13, seed=0)
-    with pytest.raises(UserError, match="'egoistic' needs 25 transitions and its pool has 24"):
-        equal_transitions(pools, 25, seed=0)
-    with pytest.raises(UserError, match="mode 'altruistic' needs 15 episodes and its pool has 12"):
-        weighted(pools, {"egoistic": 1.0, "prosocial": 1.0, "altruistic": 3.0}, 25, seed=0)
-    with pytest.raises(UserError, match="mode 'prosocial' needs 18 episodes and its pool has 12"):
-        contaminated(pools, "prosocial", "egoistic", 0.1, 20, seed=0)
+EVEN = {"egoistic": 1.0, "prosocial": 1.0, "altruistic": 3.0}
+UNKNOWN = "unknown mode 'malicious': choose one of egoistic"
 
 
-def test_pools_that_are_none_are_refused(pools: Pools) -> None:
-    with pytest.raises(UserError, match="no pools to mix"):
-        equal_trajectories({}, 1, seed=0)
-    with pytest.raises(UserError, match="pool of mode 'egoistic' has episodes of 'prosocial'"):
-        equal_trajectories({"egoistic": pools["prosocial"]}, 1, seed=0)
-
-
-def test_numbers_that_are_none_are_refused(pools: Pools) -> None:
-    with pytest.raises(UserError, match="episodes_each is 0: ask for at least 1"):
-        equal_trajectories(pools, 0, seed=0)
-    with pytest.raises(UserError, match="transitions_each is 0: ask for at least 1"):
-        equal_transitions(pools, 0, seed=0)
-    with pytest.raises(UserError, match="seed -1 is negative"):
-        equal_trajectories(pools, 1, seed=-1)
-
-
-@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
-def test_shares_outside_are_refused(pools: Pools, share: float) -> None:
-    with pytest.raises(UserError, match=r"share .* is outside \[0, 1\]"):
-        contaminated(pools, "prosocial", "egoistic", share, 10, seed=0)
-
-
-def test_modes_without_a_pool_are_refused(pools: Pools) -> None:
-    with pytest.raises(UserError, match="unknown mode 'malicious': choose one of egoistic"):
-        contaminated(pools, "prosocial", "malicious", 0.1, 10, seed=0)
-    with pytest.raises(UserError, match="unknown mode 'malicious': choose one of egoistic"):
-        contaminated(pools, "malicious", "prosocial", 0.1, 10, seed=0)
-    with pytest.raises(UserError, match="cannot contaminate itself"):
-        contaminated(pools, "egoistic", "egoistic", 0.1, 10, seed=0)
-    with pytest.raises(UserError, match="weights name egoistic where the pools are egoistic, pro"):
-        weighted(pools, {"egoistic": 1.0}, 3, seed=0)
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda pools: equal_trajectories(pools, 13, 0), "'egoistic' needs 13 episodes and .* 12"),
+        (lambda pools: equal_transitions(pools, 25, 0), "'egoistic' needs 25 transitions .* 24"),
+        (lambda pools: weighted(pools, EVEN, 25, 0), "'altruistic' needs 15 episodes and .* 12"),
+        (
+            lambda pools: contaminated(pools, "prosocial", "egoistic", 0.1, 20, 0),
+            "mode 'prosocial' needs 18 episodes and its pool has 12",
+        ),
+        (lambda _: equal_trajectories({}, 1, 0), "no pools to mix"),
+        (
+            lambda pools: equal_trajectories({"egoistic": pools["prosocial"]}, 1, 0),
+            "pool of mode 'egoistic' has episodes of 'prosocial'",
+        ),
+        (lambda pools: equal_trajectories(pools, 0, 0), "episodes_each is 0: ask for at least 1"),
+        (lambda pools: equal_transitions(pools, 0, 0), "transitions_each is 0: ask for at least"),
+        (lambda pools: equal_trajectories(pools, 1, -1), "seed -1 is negative"),
+        *(
+            (
+                lambda pools, share=share: contaminated(
+                    pools, "prosocial", "egoistic", share, 10, 0
+                ),
+                r"share .* is outside \[0, 1\]",
+            )
+            for share in (-0.1, 1.1, float("nan"))
+        ),
+        (lambda pools: contaminated(pools, "prosocial", "malicious", 0.1, 10, 0), UNKNOWN),
+        (lambda pools: contaminated(pools, "malicious", "prosocial", 0.1, 10, 0), UNKNOWN),
+        (
+            lambda pools: contaminated(pools, "egoistic", "egoistic", 0.1, 10, 0),
+            "cannot contaminate itself",
+        ),
+        (
+            lambda pools: weighted(pools, {"egoistic": 1.0}, 3, 0),
+            "weights name egoistic where the pools are egoistic, pro",
+        ),
+        (lambda _: apportion({"a": 1.0}, 0), "episodes is 0: ask for at least 1"),
+    ],
+)
+def test_what_makes_no_mixture_is_refused(pools, call, message):
+    with pytest.raises(UserError, match=message):
+        call(pools)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +231,7 @@ def test_modes_without_a_pool_are_refused(pools: Pools) -> None:
         ([0.93, 0.07], 50, [47, 3]),  # a tie, though 0.07 * 50 > 3.5 in float64
     ],
 )
-def test_apportion_by_hand(weights: list[float], total: int, expected: list[int]) -> None:
+def test_apportion_by_hand(weights, total, expected):
     named = {str(place): float(weight) for place, weight in enumerate(weights)}
     assert list(apportion(named, total).values()) == expected
 
@@ -235,7 +240,7 @@ def test_apportion_by_hand(weights: list[float], total: int, expected: list[int]
     st.lists(st.floats(0, 1e6), min_size=1, max_size=6).filter(lambda weights: sum(weights) > 1e-3),
     st.integers(1, 1000),
 )
-def test_apportion_rounds_every_share_up_or_down(weights: list[float], total: int) -> None:
+def test_apportion_rounds_every_share_up_or_down(weights, total):
     counts = apportion({str(place): weight for place, weight in enumerate(weights)}, total)
     assert sum(counts.values()) == total
     for weight, count in zip(weights, counts.values(), strict=True):
@@ -243,11 +248,6 @@ def test_apportion_rounds_every_share_up_or_down(weights: list[float], total: in
 
 
 @pytest.mark.parametrize("weights", [[0.0, 0.0], [-1.0, 2.0], [np.nan, 1.0], [np.inf, 1.0], []])
-def test_weights_that_are_no_proportions_are_refused(weights: list[float]) -> None:
+def test_weights_that_are_no_proportions_are_refused(weights):
     with pytest.raises(UserError, match="weights must be finite, not negative and not all 0"):
         apportion({str(place): weight for place, weight in enumerate(weights)}, 3)
-
-
-def test_apportion_of_nothing_is_refused() -> None:
-    with pytest.raises(UserError, match="episodes is 0: ask for at least 1"):
-        apportion({"a": 1.0}, 0)

@@ -1,5 +1,3 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -7,7 +5,7 @@ from socialiq.worlds.enumerate import Table
 
 
 @pytest.fixture(scope="session")
-def always() -> Callable[[Table, int], np.ndarray]:
+def always():
     """The policy that takes one action everywhere."""
 
     def make(table: Table, action: int) -> np.ndarray:
@@ -17,7 +15,7 @@ def always() -> Callable[[Table, int], np.ndarray]:
 
 
 @pytest.fixture(scope="session")
-def random_policy() -> Callable[[Table, int], np.ndarray]:
+def random_policy():
     """Action probabilities drawn at random for every state, the first action's the largest.
 
     It stops the ego, so some episodes run out of time.

@@ -22,7 +22,7 @@ MEANINGS = (by_turning, consistent, planned)
 
 
 @pytest.fixture(name="tables", scope="module")
-def both_worlds() -> dict[str, Table]:
+def both_worlds():
     return {name: tabulate(make_grid(name)).reachable_part() for name in WORLDS}
 
 
@@ -37,9 +37,7 @@ def constant(table: Table, angle: float) -> StateAngles:
 
 @pytest.mark.parametrize("world", WORLDS)
 @pytest.mark.parametrize("angle", [0.0, 40.0, 75.0])
-def test_at_a_constant_angle_the_loss_is_the_regret(
-    tables: dict[str, Table], world: str, angle: float
-) -> None:
+def test_at_a_constant_angle_the_loss_is_the_regret(tables, world, angle):
     table = tables[world]
     best, rule = Optimum(table), rule_of(world, angle)
     random = np.random.default_rng(0).dirichlet(np.ones(table.mdp.n_actions), table.mdp.n_states)
@@ -51,7 +49,7 @@ def test_at_a_constant_angle_the_loss_is_the_regret(
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_all_meanings_agree_at_a_constant_angle(tables: dict[str, Table], world: str) -> None:
+def test_all_meanings_agree_at_a_constant_angle(tables, world):
     table, rule = tables[world], rule_of(world, 50.0)
     for meaning in MEANINGS:
         found = evaluate_by_rule(table, meaning(table, constant(table, 50.0)), rule)
@@ -59,7 +57,7 @@ def test_all_meanings_agree_at_a_constant_angle(tables: dict[str, Table], world:
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_each_meaning_is_best_by_its_own_measure(tables: dict[str, Table], world: str) -> None:
+def test_each_meaning_is_best_by_its_own_measure(tables, world):
     table, rule = tables[world], rule_of(world, 0.0, 75.0)
     angles = state_angles(table, rule)
     found = {one: evaluate_by_rule(table, one(table, angles), rule) for one in MEANINGS}
@@ -70,9 +68,7 @@ def test_each_meaning_is_best_by_its_own_measure(tables: dict[str, Table], world
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_no_single_decision_improves_the_consistent_policy(
-    tables: dict[str, Table], world: str
-) -> None:
+def test_no_single_decision_improves_the_consistent_policy(tables, world):
     """By the angle of its state, given that all later decisions follow the policy."""
     table = tables[world]
     when = {"angle": 75, "cells_to_conflict": {"at_least": 1, "at_most": 1}}
@@ -88,7 +84,7 @@ def test_no_single_decision_improves_the_consistent_policy(
         after = np.stack([(chances * side).sum(axis=1) for side in sides])
 
 
-def test_no_rule_is_above_the_front_of_constant_angles(tables: dict[str, Table]) -> None:
+def test_no_rule_is_above_the_front_of_constant_angles(tables):
     table = tables["crossing7"]
     front = attainable_set(table.mdp, table.world.horizon)
     for low, high in ((0.0, 45.0), (20.0, 65.0), (80.0, 10.0)):
@@ -99,8 +95,8 @@ def test_no_rule_is_above_the_front_of_constant_angles(tables: dict[str, Table])
 
 
 def test_a_step_by_step_score_prefers_the_egoist_to_the_driver_who_yields(
-    tables: dict[str, Table],
-) -> None:
+    tables,
+):
     """The others' loss falls after the ego has passed, where the rule no longer counts it."""
     table, rule = tables["crossing5"], rule_of("crossing5", 0.0, 75.0)
     yields = evaluate_by_rule(table, by_turning(table, state_angles(table, rule)), rule)

@@ -24,7 +24,7 @@ def some_dial() -> DialPolicy:
     return DialPolicy.of(network, 0.1, 0.0, 90.0, {})
 
 
-def test_at_a_constant_angle_the_losses_of_an_episode_are_its_regret() -> None:
+def test_at_a_constant_angle_the_losses_of_an_episode_are_its_regret():
     batch, dial = Intersection().batch(8), some_dial()
     driven, found = losses_of(batch, rule_based("gap_3s"), SEEDS, dial, CONSTANT, (20.0, 50.0))
     best = episodes_of(batch, dial.at(50.0), SEEDS)
@@ -35,7 +35,7 @@ def test_at_a_constant_angle_the_losses_of_an_episode_are_its_regret() -> None:
     assert found.decisions.sum(axis=1).tolist() == driven.length.tolist()
 
 
-def test_the_driver_that_follows_the_rule_loses_nothing() -> None:
+def test_the_driver_that_follows_the_rule_loses_nothing():
     batch, dial = Intersection().batch(8), some_dial()
     policy = ContextPolicy.of(dial, BY_CONTEXT)
     driven, found = losses_of(batch, policy, SEEDS, dial, BY_CONTEXT, (5.0, 80.0))

@@ -45,7 +45,7 @@ def some_dial():
     return DialPolicy.of(network, 1.0, 0.0, 90.0, {})
 
 
-def test_a_sweep_is_the_exact_evaluation_of_each_turned_policy(part, best, dial) -> None:
+def test_a_sweep_is_the_exact_evaluation_of_each_turned_policy(part, best, dial):
     found = sweep(dial, part, "greedy", (0.0, 45.0, 90.0))
     alone = evaluate_exactly(part, action_table(dial.at(45.0), part, "greedy"))
     assert found.metrics[1] == alone
@@ -55,12 +55,12 @@ def test_a_sweep_is_the_exact_evaluation_of_each_turned_policy(part, best, dial)
     assert (regrets >= 0).all()
 
 
-def test_by_default_every_degree_of_the_range_is_asked(part, dial) -> None:
+def test_by_default_every_degree_of_the_range_is_asked(part, dial):
     narrow = dataclasses.replace(dial, low=10.0, high=12.0)
     assert sweep(narrow, part).angles == (10.0, 11.0, 12.0)
 
 
-def test_steps_against_the_dials_sense_are_found(part, dial) -> None:
+def test_steps_against_the_dials_sense_are_found(part, dial):
     one = sweep(dial, part, "greedy", (0.0,)).metrics[0]
     totals = [(2.0, 0.0), (1.0, 1.0), (1.3, 0.6), (0.0, 2.0)]
     metrics = [one._replace(r_env=env, r_social=social) for env, social in totals]
@@ -75,7 +75,7 @@ def timed_optimum(part, angle: float) -> np.ndarray:
     return horizon_optimum(part.mdp, reward, 25).probabilities(3)
 
 
-def test_a_tally_counts_what_was_done(part) -> None:
+def test_a_tally_counts_what_was_done(part):
     rollout = rollout_table(part, timed_optimum(part, 45.0), 30, seed=0)
     data = rollout.transitions
     counts = visit_counts(data, part)
@@ -84,21 +84,21 @@ def test_a_tally_counts_what_was_done(part) -> None:
     assert (counts * part.mdp.rewards.env).sum() == pytest.approx(data.rewards.env.sum())
 
 
-def test_demonstrations_of_another_world_are_not_tallied(part, table5) -> None:
+def test_demonstrations_of_another_world_are_not_tallied(part, table5):
     policy = np.full((table5.mdp.n_states, 2), 0.5)
     data = rollout_table(table5, policy, 3, seed=0).transitions
     with pytest.raises(UserError, match="are not of crossing7"):
         visit_counts(data, part)
 
 
-def test_totals_of_rollouts_are_those_of_the_recorded_episodes(part) -> None:
+def test_totals_of_rollouts_are_those_of_the_recorded_episodes(part):
     policy = timed_optimum(part, 75.0)
     totals = rollout_totals(part, policy, 200, seed=4)
     recorded = rollout_table(part, policy, 200, seed=4).transitions.totals()
     np.testing.assert_allclose(totals, np.stack(recorded, axis=1))
 
 
-def test_what_an_expert_shows_allows_the_expert_and_not_more(part, best) -> None:
+def test_what_an_expert_shows_allows_the_expert_and_not_more(part, best):
     data = rollout_table(part, timed_optimum(part, 45.0), 400, seed=1).transitions
     for timed in (True, False):
         ceiling = support_ceiling(data, part, timed)
@@ -115,12 +115,12 @@ def test_what_an_expert_shows_allows_the_expert_and_not_more(part, best) -> None
 
 
 @pytest.fixture(name="driver", scope="module")
-def untrained() -> DialPolicy:
+def untrained():
     network = DialNetwork.initialise(jax.random.key(3), 70, (4,), 3)
     return DialPolicy.of(network, temperature=0.1, low=0.0, high=90.0, provenance={})
 
 
-def test_every_angle_drives_the_same_episodes(driver: DialPolicy) -> None:
+def test_every_angle_drives_the_same_episodes(driver):
     batch, seeds = Intersection().batch(4), np.arange(6)
     found = rollout_dial(driver, batch, (0.0, 90.0), seeds)
     assert found.sweep.angles == (0.0, 90.0)
@@ -137,7 +137,7 @@ def rollouts(totals) -> DialRollouts:
     return DialRollouts(Sweep((0.0, 90.0), ()), episodes)
 
 
-def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
+def test_one_half_of_the_episodes_chooses_and_the_other_measures():
     rng = np.random.default_rng(0)
     totals = tuple(rng.normal(center, 0.3, (200, 2)) for center in ((3.0, 0.0), (0.0, 2.0)))
     one, shown = rollouts(totals).mixture(45.0, seed=7)
@@ -148,7 +148,7 @@ def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
     assert shown.low <= 45.0 <= shown.high and shown.angle != 45.0
 
 
-def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
+def test_the_interval_knows_that_both_drove_the_same_episodes():
     """With opposite rewards the mixture's angle is nearly certain."""
     rng = np.random.default_rng(0)
     luck, east, north = rng.normal(0.0, 1.0, (400, 2)), np.array([3.0, 0.0]), np.array([0.0, 3.0])
@@ -160,7 +160,7 @@ def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
     assert widths[1] < 0.2 * widths[0]
 
 
-def test_a_mixture_out_of_reach_and_too_few_episodes_are_said(driver: DialPolicy) -> None:
+def test_a_mixture_out_of_reach_and_too_few_episodes_are_said(driver):
     totals = (np.ones((4, 2)), np.ones((4, 2)))
     with pytest.raises(UserError, match="no mixture of these policies lies at 90 degrees"):
         rollouts(totals).mixture(90.0, seed=0)
@@ -168,7 +168,7 @@ def test_a_mixture_out_of_reach_and_too_few_episodes_are_said(driver: DialPolicy
         rollout_dial(driver, Intersection().batch(1), (0.0,), np.arange(1))
 
 
-def test_a_calibrated_dial_is_the_upper_hull_of_its_points(dial) -> None:
+def test_a_calibrated_dial_is_the_upper_hull_of_its_points(dial):
     """By hand: (2, 0) to (1, 2) at atan(1/2), to (0, 2.5) at atan(2); the others are never best."""
     metrics = metrics_of([(1.5, 0.2), (2.0, 0.0), (1.0, 2.0), (0.5, 2.25), (0.0, 2.5), (-1.0, 2.4)])
     told = calibrated(dial, Sweep((0.0, 10.0, 20.0, 30.0, 40.0, 90.0), metrics))
@@ -180,7 +180,7 @@ def test_a_calibrated_dial_is_the_upper_hull_of_its_points(dial) -> None:
         calibrated(told, Sweep((0.0,), metrics[:1]))
 
 
-def test_a_calibrated_dial_is_never_worse_and_moves_one_way(part, best) -> None:
+def test_a_calibrated_dial_is_never_worse_and_moves_one_way(part, best):
     network = DialNetwork.initialise(jax.random.key(9), 7, (16,), 3)
     uneven = jax.tree.map(lambda weight: 3 * weight, network)
     dial = DialPolicy.of(uneven, 1.0, 0.0, 90.0, {})

@@ -119,16 +119,16 @@ POINTS = st.lists(st.tuples(st.integers(-3, 12), st.integers(-3, 12)), min_size=
 )
 
 
-def test_two_steps_of_a_stair() -> None:
+def test_two_steps_of_a_stair():
     assert hypervolume(np.array([[2.0, 1.0], [1.0, 3.0]]), CORNER) == pytest.approx(2.0 + 2.0)
 
 
-def test_what_does_not_beat_the_corner_counts_for_nothing() -> None:
+def test_what_does_not_beat_the_corner_counts_for_nothing():
     assert hypervolume(np.array([[5.0, -1.0], [0.0, 9.0]]), CORNER) == 0.0
 
 
 @given(POINTS)
-def test_it_is_the_number_of_cells_below_a_point(points: np.ndarray) -> None:
+def test_it_is_the_number_of_cells_below_a_point(points):
     cells = [
         any(x < env and y < social for env, social in points) for x in range(12) for y in range(12)
     ]
@@ -136,12 +136,12 @@ def test_it_is_the_number_of_cells_below_a_point(points: np.ndarray) -> None:
 
 
 @given(POINTS)
-def test_a_dominated_point_adds_nothing(points: np.ndarray) -> None:
+def test_a_dominated_point_adds_nothing(points):
     more = np.vstack([points, points[:1] - 1.0])
     assert hypervolume(more, CORNER) == pytest.approx(hypervolume(points, CORNER))
 
 
-def test_points_that_are_not_finite_are_refused() -> None:
+def test_points_that_are_not_finite_are_refused():
     with pytest.raises(UserError, match="finite"):
         hypervolume(np.array([[np.nan, 1.0]]), CORNER)
 

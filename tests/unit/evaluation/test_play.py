@@ -226,7 +226,7 @@ def recorded(size: int = 3, name: str = "gap_3s") -> Recorded:
 
 
 @pytest.fixture(name="rows", scope="module")
-def some_episodes() -> Recorded:
+def some_episodes():
     return recorded()
 
 

@@ -7,7 +7,6 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import jaxtyping
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
@@ -26,9 +25,8 @@ OPTIONS = ["--updates", "20", "--hidden", "8", "--set", "batch_size=8"]
 
 
 @pytest.fixture(autouse=True)
-def as_a_user(monkeypatch, tmp_path):
+def as_a_user(as_a_user_runs_it, monkeypatch, tmp_path):
     """The tests' own checker of types would refuse wrong ones before the library does."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     monkeypatch.chdir(tmp_path)
 
 

@@ -26,7 +26,7 @@ METHODS = comparison.declared_methods(
 )
 
 
-def test_a_method_is_declared_by_its_table() -> None:
+def test_a_method_is_declared_by_its_table():
     clone, of_mode, rl = METHODS.values()
     assert (clone.learner, of_mode.learner) == ("clone", "clone")
     assert clone.settings == ((("learning_rate", 0.1),), (("learning_rate", 0.3),))
@@ -36,7 +36,7 @@ def test_a_method_is_declared_by_its_table() -> None:
     assert clone.setting_of("learning_rate 0.3") == clone.settings[1]
 
 
-def test_a_network_serves_angles_modes_or_all() -> None:
+def test_a_network_serves_angles_modes_or_all():
     angles = (0.0, 20.0, 40.0, 80.0)
     clone, of_mode, rl = METHODS.values()
     assert clone.served(angles) == {0.0: angles}
@@ -50,7 +50,7 @@ class Own(comparison.Recipe):
     mirrored: bool = False
 
 
-def test_recipes_are_changes_of_those_before_them() -> None:
+def test_recipes_are_changes_of_those_before_them():
     offline = iq.IQLearnConfig(online=False, value_term="value_expert")
     bases = {"preset": Own(offline, iq.IQLearnHyperparameters())}
     recipes = comparison.declared_recipes(
@@ -94,13 +94,13 @@ def config_of(**changes) -> SimpleNamespace:
         ({"seeds": (1, 2)}, "a seed of development can't be a seed of the table"),
     ],
 )
-def test_wrong_choices_are_one_line(changes, line) -> None:
+def test_wrong_choices_are_one_line(changes, line):
     assert comparison.cells_of(config_of(), METHODS) == [("crossing5", METHODS["clone"])]
     with pytest.raises(UserError, match=line):
         comparison.cells_of(config_of(**changes), METHODS)
 
 
-def test_phases_have_their_own_seeds_and_angles() -> None:
+def test_phases_have_their_own_seeds_and_angles():
     method = METHODS["clone"]
     runs = [
         comparison_tables.GridRuns.of(config_of(), phase, "crossing5", method, method.settings, 9)
@@ -110,7 +110,7 @@ def test_phases_have_their_own_seeds_and_angles() -> None:
     assert {(run.learning_rate, run.polyak, run.updates) for run in runs} == {(0.01, 0.1, 9)}
 
 
-def test_a_seed_has_its_own_data_set_in_every_setting() -> None:
+def test_a_seed_has_its_own_data_set_in_every_setting():
     settings = METHODS["clone"].settings
     runs = runs_of(settings, (0.0, 90.0), (5, 6))
     assert len(runs) == 8
@@ -118,7 +118,7 @@ def test_a_seed_has_its_own_data_set_in_every_setting() -> None:
     assert [run.setting for run in runs] == [settings[0]] * 4 + [settings[1]] * 4
 
 
-def test_settings_of_a_run_come_before_the_methods_and_the_worlds() -> None:
+def test_settings_of_a_run_come_before_the_methods_and_the_worlds():
     arena = Arena(presets.TABLE_C1, presets.TABLE_C1_NUMBERS, 11, [])
     kinds = bc.CloningConfig, bc.CloningHyperparameters
     run = Run(30.0, 4, 1, (("reweight_temperature", 0.25),))
@@ -129,7 +129,7 @@ def test_settings_of_a_run_come_before_the_methods_and_the_worlds() -> None:
     assert numbers.learning_rate == arena.numbers.learning_rate
 
 
-def test_runs_of_one_static_config_share_a_program() -> None:
+def test_runs_of_one_static_config_share_a_program():
     programs = []
 
     def train(static, numbers):
@@ -141,7 +141,7 @@ def test_runs_of_one_static_config_share_a_program() -> None:
     assert programs == [("a", [1, 3]), ("b", [2])]
 
 
-def test_a_method_of_a_mode_learns_from_each_mode_alone(monkeypatch) -> None:
+def test_a_method_of_a_mode_learns_from_each_mode_alone(monkeypatch):
     monkeypatch.setattr(Arena, "of_each_mode", lambda arena, runs: ("of modes", runs[::-1]))
     arena, runs = Arena(None, None, 1, []), [Run(angle, 0, 0, ()) for angle in (0.0, 90.0)]
     of_modes = trained(lambda *inputs: [inputs], arena, METHODS["of_mode"], runs)
@@ -155,7 +155,7 @@ def row(method: str, setting: str, angle: float, seed: int, value: float, regret
     return label | {"readout": "greedy", "seed": seed} | totals | {"value": value, "regret": regret}
 
 
-def test_development_chooses_by_the_mean_and_the_first_of_equal_ones() -> None:
+def test_development_chooses_by_the_mean_and_the_first_of_equal_ones():
     rows = [
         row("m", "a", 0.0, 1, 1.0),
         row("m", "a", 90.0, 1, 3.0),
@@ -170,7 +170,7 @@ def test_development_chooses_by_the_mean_and_the_first_of_equal_ones() -> None:
 KEYS = ("world", "method", "setting", "target_angle", "readout")
 
 
-def test_means_are_over_seeds_and_their_range_is_of_single_seeds() -> None:
+def test_means_are_over_seeds_and_their_range_is_of_single_seeds():
     rows = [row("m", "a", 0.0, 1, 1.0, 0.5), row("m", "a", 0.0, 2, 2.0, 1.5)]
     (pooled,) = comparison_tables.means(rows, KEYS, also=("seed",))
     assert (pooled["seeds"], pooled["value"], pooled["seed"]) == (2, 1.5, 1.5)
@@ -180,7 +180,7 @@ def test_means_are_over_seeds_and_their_range_is_of_single_seeds() -> None:
     assert pooled["angle"] == pytest.approx(np.degrees(np.arctan2(1.0, 1.5)))
 
 
-def test_without_an_optimum_there_is_no_regret() -> None:
+def test_without_an_optimum_there_is_no_regret():
     rows = [row("m", "a", angle, 1, 1.0 + angle, "") for angle in (0.0, 90.0)]
     pooled = comparison_tables.means(rows, KEYS)
     assert {one["regret_low"] for one in pooled} == {""}
@@ -190,14 +190,14 @@ def test_without_an_optimum_there_is_no_regret() -> None:
     assert comparison_tables.quantity(results, "w") == "value"
 
 
-def test_the_worst_regret_is_that_of_the_worst_angle() -> None:
+def test_the_worst_regret_is_that_of_the_worst_angle():
     rows = [row("m", "a", angle, 1, 0.0, regret) for angle, regret in ((0.0, 1.0), (90.0, 4.0))]
     pooled = comparison_tables.means(rows, KEYS)
     (overall,) = comparison_tables.overall(pooled, ("world", "method"))
     assert (overall["angles"], overall["regret"], overall["worst_regret"]) == (2, 2.5, 4.0)
 
 
-def test_a_field_shows_the_mean_and_the_range_where_seeds_differ() -> None:
+def test_a_field_shows_the_mean_and_the_range_where_seeds_differ():
     rows = [row("m", "a", 0.0, seed, 0.0, regret) for seed, regret in ((1, 0.25), (2, 0.75))]
     rows += [row("m", "a", 90.0, seed, 0.0, 0.0) for seed in (1, 2)]
     config = iq.IQLearnHyperparameters()

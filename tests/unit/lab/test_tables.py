@@ -17,7 +17,7 @@ FIRST = [{"a": 1.0, "b": 2.0}, {"a": 2.0, "b": 2.5}, {"a": 4.0, "b": 2.0}]
 SECOND = [{"a": 0.0, "b": 1.0}, {"a": 1.5, "b": 2.0}, {"a": 2.0, "b": 3.0}]
 
 
-def test_differences_are_paired_and_adjusted_over_all_columns() -> None:
+def test_differences_are_paired_and_adjusted_over_all_columns():
     rows = paired_differences(FIRST, SECOND, "a", "b", label="measure")
     assert [row["measure"] for row in rows] == ["a", "b"]
     assert rows[0]["mean"] == pytest.approx((1.0 + 0.5 + 2.0) / 3)
@@ -27,11 +27,11 @@ def test_differences_are_paired_and_adjusted_over_all_columns() -> None:
     np.testing.assert_allclose([row["p_holm"] for row in rows], expected)
 
 
-def test_one_seed_gives_no_difference() -> None:
+def test_one_seed_gives_no_difference():
     assert paired_differences(FIRST[:1], SECOND[:1], "a") == []
 
 
-def test_rows_are_chosen_and_grouped_by_value() -> None:
+def test_rows_are_chosen_and_grouped_by_value():
     rows = [
         {"a": 1, "b": "x", "v": 2.0},
         {"a": 2, "b": "x", "v": 3.0},

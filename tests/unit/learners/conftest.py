@@ -1,19 +1,11 @@
-from collections.abc import Callable
 from typing import Any
 
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.types import Ending, RewardPair
-
-
-@pytest.fixture
-def without_type_checker(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a user runs it: the tests' own checker would refuse wrong types before we do."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 def demonstrations(
@@ -47,8 +39,14 @@ def demonstrations(
 
 
 @pytest.fixture(scope="session", name="demonstrations")
-def demonstrations_fixture() -> Callable[..., Demonstrations]:
+def demonstrations_fixture():
     return demonstrations
+
+
+@pytest.fixture(scope="session")
+def data():
+    """Random demonstrations that no test may change."""
+    return demonstrations()
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -62,5 +60,5 @@ def assert_same(one: Any, other: Any) -> None:
 
 
 @pytest.fixture(scope="session", name="assert_same")
-def assert_same_fixture() -> Callable[[Any, Any], None]:
+def assert_same_fixture():
     return assert_same

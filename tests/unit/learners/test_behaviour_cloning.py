@@ -42,7 +42,7 @@ def counted(counts: np.ndarray) -> Demonstrations:
     )
 
 
-def test_the_likelihood_by_hand() -> None:
+def test_the_likelihood_by_hand():
     """Logits (0, ln 3) give the probabilities 1/4 and 3/4."""
     network = QNetwork.initialise(jax.random.key(0), 1, (), 2)
     weights, logits = jnp.zeros((2, 1)), jnp.array([0.0, jnp.log(3.0)])
@@ -51,7 +51,7 @@ def test_the_likelihood_by_hand() -> None:
     assert found == pytest.approx(-(np.log(1 / 4) + np.log(3 / 4)) / 2, rel=1e-6)
 
 
-def test_clones_recover_the_frequencies_of_their_own_sets() -> None:
+def test_clones_recover_the_frequencies_of_their_own_sets():
     sets, static = (
         [counted(COUNTS), counted(COUNTS[::-1])],
         CloningConfig(hidden=(), batch_size=256, updates=1500),
@@ -82,7 +82,7 @@ def two_episodes() -> Demonstrations:
     )
 
 
-def test_weighted_clones_follow_the_totals_of_episodes() -> None:
+def test_weighted_clones_follow_the_totals_of_episodes():
     """Totals 2 and 0: at τ_w = 2 / ln 3 the weights of the episodes are 3/4 and 1/4."""
     temperature = 2 / np.log(3)
     static = CloningConfig(hidden=(), batch_size=256, updates=1500, weighted=True)
@@ -97,7 +97,7 @@ def test_weighted_clones_follow_the_totals_of_episodes() -> None:
         np.testing.assert_allclose(chances, [first, 1 - first, 0.0], atol=0.05)
 
 
-def test_the_effective_size_by_hand() -> None:
+def test_the_effective_size_by_hand():
     """Weights 3/8, 3/8, 1/8, 1/8: 1 / (2 * 9/64 + 2 / 64) = 3.2 of 4 transitions."""
     hyperparameters = CloningHyperparameters(reweight_temperature=2 / np.log(3))
     assert effective_size(two_episodes(), hyperparameters) == pytest.approx(3.2, rel=1e-5)
@@ -105,21 +105,21 @@ def test_the_effective_size_by_hand() -> None:
     assert effective_size(two_episodes(), hyperparameters) == pytest.approx(4.0, rel=1e-5)
 
 
-def test_weights_need_whole_episodes() -> None:
+def test_weights_need_whole_episodes():
     with pytest.raises(UserError, match="misses steps"):
         BehaviourCloning.train_on(
             CloningConfig(weighted=True), [CloningHyperparameters()], [two_episodes().subsample(2)]
         )
 
 
-def test_runs_without_demonstrations_are_refused() -> None:
+def test_runs_without_demonstrations_are_refused():
     data = counted(COUNTS)
     for hyperparameters in ([], [CloningHyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
             BehaviourCloning.train_on(CloningConfig(), hyperparameters, [data])
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "make",
     [
@@ -135,7 +135,7 @@ def test_runs_without_demonstrations_are_refused() -> None:
         lambda: CloningHyperparameters(dataset=-1),
     ],
 )
-def test_settings_that_make_no_run_are_refused(make) -> None:
+def test_settings_that_make_no_run_are_refused(make):
     with pytest.raises(UserError) as caught:
         make()
     assert "\n" not in str(caught.value)

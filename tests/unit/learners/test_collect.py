@@ -33,7 +33,7 @@ def collector(steps: int = STEPS) -> Callable[[Runs, int], Runs]:
 
 
 @pytest.fixture(name="runs", scope="module")
-def fresh_runs(demonstrations) -> Runs:
+def fresh_runs(demonstrations):
     table = ExpertTable.of([demonstrations()], "running", 0.99)
     start = jax.vmap(IQLearn(STRUCTURE, (6, 3), table).initialise)
     zero = np.zeros(2, np.int32)
@@ -41,11 +41,11 @@ def fresh_runs(demonstrations) -> Runs:
 
 
 @pytest.fixture(name="filled", scope="module")
-def filled_runs(runs) -> Runs:
+def filled_runs(runs):
     return collector()(runs, 0)
 
 
-def test_the_ring_holds_what_the_world_did(filled) -> None:
+def test_the_ring_holds_what_the_world_did(filled):
     """Every stored row is a transition of the world's own rules under one of its chances."""
     ring, world = filled.carry.replay, registry.make("crossing7")
     assert ring.added.tolist() == [STEPS, STEPS]
@@ -71,9 +71,7 @@ def test_the_ring_holds_what_the_world_did(filled) -> None:
         assert (rows.ending > 0).any()
 
 
-def test_experience_depends_on_the_seed_and_the_updates_done_alone(
-    runs, filled, assert_same
-) -> None:
+def test_experience_depends_on_the_seed_and_the_updates_done_alone(runs, filled, assert_same):
     assert_same(collector()(runs, 0), filled)
     used = collector()
     used(runs, 500)
@@ -84,7 +82,7 @@ def test_experience_depends_on_the_seed_and_the_updates_done_alone(
     assert (columns.action[0] != columns.action[1]).any()
 
 
-def test_the_replay_keeps_what_came_before(filled) -> None:
+def test_the_replay_keeps_what_came_before(filled):
     ring = collector(10)(filled, 20).carry.replay
     assert ring.added.tolist() == [70, 70]
     before = filled.carry.replay.columns.observation
@@ -108,7 +106,7 @@ class Counting(gymnasium.Env):
 
 
 @pytest.mark.parametrize(("goes_on", "second"), [(True, [5, 6, 0, 1, 2]), (False, [0, 1, 2, 3, 4])])
-def test_a_chunk_goes_on_where_the_last_one_stopped(goes_on, second) -> None:
+def test_a_chunk_goes_on_where_the_last_one_stopped(goes_on, second):
     source = from_env(Counting(), 5, goes_on=goes_on)
     rng = np.random.default_rng(0)
     seen = [source(lambda one: np.zeros(len(one), int), rng) for _ in range(2)]
@@ -117,12 +115,12 @@ def test_a_chunk_goes_on_where_the_last_one_stopped(goes_on, second) -> None:
     assert (seen[1].ending[1] == Ending.TIMEOUT) == goes_on
 
 
-def test_actions_that_are_not_discrete_are_refused() -> None:
+def test_actions_that_are_not_discrete_are_refused():
     with pytest.raises(UserError, match="only discrete actions"):
         from_env(gymnasium.make("Pendulum-v1"), 5)
 
 
-def test_an_online_run_trains_on_what_is_collected(demonstrations) -> None:
+def test_an_online_run_trains_on_what_is_collected(demonstrations):
     found = train(STRUCTURE, RUNS, [demonstrations()], chunk=20, before_chunk=collector())
     assert found.failures == ()
     assert found.history.updates == [20, 40]

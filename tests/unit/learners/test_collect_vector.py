@@ -33,7 +33,7 @@ def collected(steps: int = STEPS, act: Callable = faster, seed: int = 0) -> Batc
 
 
 @pytest.fixture(name="batch", scope="module")
-def some_rows() -> Batch:
+def some_rows():
     return collected()
 
 
@@ -41,7 +41,7 @@ def of_env(column: np.ndarray, env: int) -> np.ndarray:
     return column[env::ENVS]
 
 
-def test_rows_of_one_time_stand_together_in_the_order_of_the_environments(batch: Batch) -> None:
+def test_rows_of_one_time_stand_together_in_the_order_of_the_environments(batch):
     """The environments are begun with seed, seed + 1, ... of the first draw."""
     seed = int(np.random.default_rng(0).integers(2**31))
     for number in range(ENVS):
@@ -57,7 +57,7 @@ def test_rows_of_one_time_stand_together_in_the_order_of_the_environments(batch:
             assert [batch.target.env[row], batch.target.social[row]] == pair.tolist()
 
 
-def test_what_an_ended_episode_reached_is_not_the_next_ones_start(batch: Batch) -> None:
+def test_what_an_ended_episode_reached_is_not_the_next_ones_start(batch):
     ends = 0
     for number in range(ENVS):
         seen, reached, ending = (
@@ -73,9 +73,7 @@ def test_what_an_ended_episode_reached_is_not_the_next_ones_start(batch: Batch) 
     assert ends >= 10
 
 
-def test_the_same_random_numbers_give_the_same_rows_whatever_came_before(
-    batch: Batch, assert_same
-) -> None:
+def test_the_same_random_numbers_give_the_same_rows_whatever_came_before(batch, assert_same):
     source = from_vector_env(vector(), STEPS)
     source(faster, np.random.default_rng(1))
     assert_same(source(faster, np.random.default_rng(0)), batch)
@@ -83,13 +81,13 @@ def test_the_same_random_numbers_give_the_same_rows_whatever_came_before(
 
 
 @pytest.mark.parametrize("steps", [1, 3, 7, 8])
-def test_there_are_as_many_rows_as_steps(batch: Batch, assert_same, steps: int) -> None:
+def test_there_are_as_many_rows_as_steps(batch, assert_same, steps):
     some = collected(steps)
     assert len(some.action) == steps
     assert_same(some, jax.tree.map(lambda column: column[:steps], batch))
 
 
-def test_the_driver_sees_all_environments_and_its_actions_are_kept() -> None:
+def test_the_driver_sees_all_environments_and_its_actions_are_kept():
     asked: list[np.ndarray] = []
 
     def act(observation: np.ndarray) -> np.ndarray:
@@ -102,12 +100,12 @@ def test_the_driver_sees_all_environments_and_its_actions_are_kept() -> None:
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
-def test_environments_that_reset_at_another_time_are_refused(mode: AutoresetMode) -> None:
+def test_environments_that_reset_at_another_time_are_refused(mode):
     with pytest.raises(UserError, match=r"must reset in the same step: AutoresetMode\.SAME_STEP$"):
         from_vector_env(vector(mode), STEPS)
 
 
-def test_actions_that_are_not_discrete_are_refused() -> None:
+def test_actions_that_are_not_discrete_are_refused():
     env = vector()
     env.single_action_space = spaces.Box(-1.0, 1.0, (1,))
     with pytest.raises(UserError, match="only discrete actions"):

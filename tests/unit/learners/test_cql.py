@@ -21,11 +21,6 @@ SMALL = CQLConfig(hidden=(8,), batch_size=8, updates=60)
 RUNS = (CQLHyperparameters(seed=0, angle=45.0), CQLHyperparameters(seed=1, angle=45.0))
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
 def constant(*q: float) -> QNetwork:
     """A network that tells these values of every state."""
     drawn = QNetwork.initialise(jax.random.key(0), 1, (), len(q))
@@ -42,7 +37,7 @@ def constant(*q: float) -> QNetwork:
         (Ending.COLLISION, Endings(collision="absorbing"), 2 * np.log(2) / (1 - 0.5)),
     ],
 )
-def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> None:
+def test_the_loss_by_hand(ending, endings, follows):
     """Q = (1, 1 + 2 ln 3), action 1, slow Q = 2 ln 2 twice; τ = 2, γ = 0.5, λ = 3, α_CQL = 0.7.
 
     V = 1 + 2 ln 4, so V - Q is 2 ln (4/3); V(s') = 2 ln 4; R at 90 degrees is r_social.
@@ -69,7 +64,7 @@ def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> N
     assert loss == pytest.approx(float(terms["bellman"] + terms["conservative"]), rel=1e-6)
 
 
-def test_runs_are_sound_and_repeat_bit_for_bit(data, assert_same) -> None:
+def test_runs_are_sound_and_repeat_bit_for_bit(data, assert_same):
     found = ConservativeQ.train_on(SMALL, RUNS, [data], chunk=20)
     assert found.failures == ()
     assert found.history.updates == [20, 40, 60]
@@ -79,7 +74,7 @@ def test_runs_are_sound_and_repeat_bit_for_bit(data, assert_same) -> None:
     assert not np.allclose(first, second)
 
 
-def test_the_target_network_moves_by_polyak_and_values_what_follows(data) -> None:
+def test_the_target_network_moves_by_polyak_and_values_what_follows(data):
     """By hand after each of two updates; and two rates train two networks."""
     learner = ConservativeQ.of(SMALL, [data])
     run = stack([dataclasses.replace(RUNS[0], polyak=0.25, learning_rate=0.01)])[0]
@@ -100,7 +95,7 @@ def test_the_target_network_moves_by_polyak_and_values_what_follows(data) -> Non
     assert np.abs(first - second).max() > 1e-3
 
 
-def test_a_policy_carries_its_origin_and_temperature(data) -> None:
+def test_a_policy_carries_its_origin_and_temperature(data):
     hyperparameters = dataclasses.replace(RUNS[0], temperature=0.3)
     policy = ConservativeQ.train_on(SMALL, [hyperparameters], [data], chunk=60).policy(0)
     assert policy.provenance["learner"] == "cql"
@@ -108,7 +103,7 @@ def test_a_policy_carries_its_origin_and_temperature(data) -> None:
     assert policy.temperature == 0.3
 
 
-def test_a_network_that_blows_up_is_told(data) -> None:
+def test_a_network_that_blows_up_is_told(data):
     found = ConservativeQ.train_on(
         SMALL, [RUNS[0], dataclasses.replace(RUNS[1], learning_rate=1e30)], [data]
     )
@@ -116,13 +111,13 @@ def test_a_network_that_blows_up_is_told(data) -> None:
     assert found.failures[0].startswith("angle 45, seed 1 stopped at update 0")
 
 
-def test_runs_without_demonstrations_are_refused(data) -> None:
+def test_runs_without_demonstrations_are_refused(data):
     for hyperparameters in ([], [CQLHyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
             ConservativeQ.train_on(SMALL, hyperparameters, [data])
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "make",
     [
@@ -141,7 +136,7 @@ def test_runs_without_demonstrations_are_refused(data) -> None:
         lambda: CQLHyperparameters(dataset=-1),
     ],
 )
-def test_settings_that_make_no_run_are_refused(make) -> None:
+def test_settings_that_make_no_run_are_refused(make):
     with pytest.raises(UserError) as caught:
         make()
     assert "\n" not in str(caught.value)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import signal
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -64,11 +63,11 @@ def learnt_nothing(static: DQNConfig) -> QNetwork:
 
 
 @pytest.fixture(name="whole", scope="module")
-def uninterrupted() -> Trained:
+def uninterrupted():
     return learn(*RUNS)
 
 
-def test_the_action_that_pays_is_learnt(whole: Trained) -> None:
+def test_the_action_that_pays_is_learnt(whole):
     assert whole.failures == ()
     for run in range(2):
         policy = whole.policy(run)
@@ -80,7 +79,7 @@ def test_the_action_that_pays_is_learnt(whole: Trained) -> None:
     assert (loss[-1] < loss[0] / 5).all()
 
 
-def test_the_angle_decides_what_pays() -> None:
+def test_the_angle_decides_what_pays():
     """If the others lose by it, an ego that counts only them (90 degrees) avoids it."""
     hyperparameters = [dataclasses.replace(NUMBERS, angle=angle) for angle in (0.0, 90.0)]
     sources = [bandit(social=-1.0) for _ in hyperparameters]
@@ -113,9 +112,7 @@ def chain(ending: Ending) -> Source:
         ({"double": False, "through_timeouts": False}, [0.5, 0.0, 0.0]),
     ],
 )
-def test_a_value_travels_back_unless_the_episode_is_over(
-    choices: dict[str, bool], expected: list[float]
-) -> None:
+def test_a_value_travels_back_unless_the_episode_is_over(choices, expected):
     """γ = 1/2; between the observations nothing, a timeout, or an arrival."""
     static = dataclasses.replace(STRUCTURE, **choices)
     sources = [chain(kind) for kind in (Ending.NONE, Ending.TIMEOUT, Ending.ARRIVAL)]
@@ -125,22 +122,18 @@ def test_a_value_travels_back_unless_the_episode_is_over(
     np.testing.assert_allclose(first, [[value, value] for value in expected], atol=0.1)
 
 
-def test_the_same_seed_gives_the_same_bits_and_another_does_not(
-    whole: Trained, assert_same
-) -> None:
+def test_the_same_seed_gives_the_same_bits_and_another_does_not(whole, assert_same):
     assert_same(learn(*RUNS).networks, whole.networks)
     first, second = (whole.policy(run).q_values(SEEN) for run in (0, 1))
     assert (first != second).any()
 
 
-def test_a_run_does_not_depend_on_its_neighbours(whole: Trained, assert_same) -> None:
+def test_a_run_does_not_depend_on_its_neighbours(whole, assert_same):
     found = learn(dataclasses.replace(RUNS[0], seed=9, discount=0.5), RUNS[1])
     assert_same(*(jax.tree.map(lambda leaf: leaf[1], one.networks) for one in (found, whole)))
 
 
-def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
-    whole: Trained, assert_same, tmp_path: Path
-) -> None:
+def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(whole, assert_same, tmp_path):
     path = tmp_path / "state"
 
     def interrupt(report: Report) -> None:
@@ -158,7 +151,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
 
 
 @pytest.mark.slow
-def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one() -> None:
+def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one():
     """Adam's first step is as long as the rate; of 4 steps from 0.04 to 0 that is 0.03."""
     static = dataclasses.replace(STRUCTURE, steps=8)
     hyperparameters = dataclasses.replace(NUMBERS, learning_rate=0.04, final_learning_rate=1e-12)
@@ -177,7 +170,7 @@ def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one() -> None:
 
 
 @pytest.mark.parametrize(("done", "share"), [(0, 1.0), (30, 0.6), (60, 0.2), (119, 0.2)])
-def test_random_actions_become_as_rare_as_the_numbers_say(done: int, share: float) -> None:
+def test_random_actions_become_as_rare_as_the_numbers_say(done, share):
     hyperparameters = dataclasses.replace(NUMBERS, exploration=0.2, exploration_fall=0.5)
     network, draws = learnt_nothing(STRUCTURE), 20_000
     act = acting(STRUCTURE, [NUMBERS, hyperparameters])(network, 1, done, np.random.default_rng(0))
@@ -187,7 +180,7 @@ def test_random_actions_become_as_rare_as_the_numbers_say(done: int, share: floa
     assert (actions != best).mean() == pytest.approx(share / 2, abs=0.015)
 
 
-def test_a_policy_carries_its_origin(whole: Trained) -> None:
+def test_a_policy_carries_its_origin(whole):
     record = whole.policy(1).provenance
     assert record["learner"] == "dqn"
     assert DQNHyperparameters(**record["numbers"]) == RUNS[1]
@@ -195,15 +188,13 @@ def test_a_policy_carries_its_origin(whole: Trained) -> None:
 
 
 @pytest.mark.parametrize(("runs", "sources"), [(0, 0), (2, 1), (1, 2)])
-def test_runs_without_a_source_each_are_refused(runs: int, sources: int) -> None:
+def test_runs_without_a_source_each_are_refused(runs, sources):
     line = f"^{runs} runs and {sources} sources: pass one for each$"
     with pytest.raises(UserError, match=line):
         train(STRUCTURE, RUNS[:runs], [bandit()] * sources, (2, 2))
 
 
-def test_a_network_that_blows_up_is_told_and_leaves_the_other_alone(
-    whole: Trained, assert_same
-) -> None:
+def test_a_network_that_blows_up_is_told_and_leaves_the_other_alone(whole, assert_same):
     found = learn(RUNS[0], dataclasses.replace(RUNS[1], learning_rate=1e30))
     assert len(found.failures) == 1
     assert found.failures[0].startswith("angle 0, seed 4 stopped at update 0: parameters not fini")
@@ -218,7 +209,7 @@ def column(*values: float) -> jax.Array:
 
 
 @pytest.mark.parametrize(("double", "expected"), [(False, [3, 7]), (True, [1, 7])])
-def test_next_value_by_hand(double: bool, expected: list[float]) -> None:
+def test_next_value_by_hand(double, expected):
     """The network would take actions 0 and 1, the target network actions 2 and 1."""
     target_network, fast = jnp.array([[1.0, 2, 3], [6, 7, 5]]), jnp.array([[9.0, 8, 0], [0, 4, 3]])
     np.testing.assert_array_equal(next_value(target_network, fast, double), expected)
@@ -227,23 +218,21 @@ def test_next_value_by_hand(double: bool, expected: list[float]) -> None:
 @pytest.mark.parametrize(
     ("through_timeouts", "expected"), [(True, [6, 1, 1, 21, 1]), (False, [6, 1, 1, 1, 1])]
 )
-def test_the_target_goes_on_where_nothing_ended(
-    through_timeouts: bool, expected: list[float]
-) -> None:
+def test_the_target_goes_on_where_nothing_ended(through_timeouts, expected):
     """r = 1 and γ = 1/2; the states reached are worth 10, 20, 30, 40 and 50."""
     value, reward = column(10, 20, 30, 40, 50), jnp.ones(5)
     found = bootstrapped_target(reward, value, KINDS, 0.5, through_timeouts)
     np.testing.assert_array_equal(found, expected)
 
 
-def test_the_loss_is_square_near_the_target_and_straight_far_from_it() -> None:
+def test_the_loss_is_square_near_the_target_and_straight_far_from_it():
     """Errors 0.5 and -3 cost 0.5 · 0.25 and 3 - 0.5."""
     q, action = jnp.array([[1.5, 99.0], [99.0, -3.0]]), jnp.array([0, 1])
     found = td_loss(q, action, column(1, 0))
     assert found == pytest.approx((0.125 + 2.5) / 2)
 
 
-def test_only_the_action_taken_is_moved_and_by_one_at_most() -> None:
+def test_only_the_action_taken_is_moved_and_by_one_at_most():
     q, action = jnp.array([[1.5, 99.0], [99.0, -3.0]]), jnp.array([0, 1])
     gradient = jax.grad(td_loss)(q, action, column(1, 0))
     np.testing.assert_allclose(gradient, [[0.5 / 2, 0], [0, -1 / 2]])

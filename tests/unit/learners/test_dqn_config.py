@@ -1,5 +1,4 @@
 import dataclasses
-from typing import Any
 
 import pytest
 
@@ -9,7 +8,7 @@ from socialiq.learners.dqn import DQNConfig, DQNHyperparameters
 NAN, INF = float("nan"), float("inf")
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "fields",
     [
@@ -23,7 +22,7 @@ NAN, INF = float("nan"), float("inf")
     ],
     ids=str,
 )
-def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> None:
+def test_a_structure_that_makes_no_run_is_refused(fields):
     with pytest.raises(UserError) as caught:
         DQNConfig(**fields)
     assert "\n" not in str(caught.value)
@@ -44,7 +43,7 @@ def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> Non
     ],
     ids=str,
 )
-def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
+def test_a_number_outside_its_range_is_refused(fields):
     with pytest.raises(UserError) as caught:
         DQNHyperparameters(**fields)
     assert "\n" not in str(caught.value)
@@ -65,12 +64,12 @@ def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     ],
     ids=str,
 )
-def test_a_number_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
+def test_a_number_at_the_edge_is_accepted(fields):
     hyperparameters = DQNHyperparameters(**fields)
     assert all(getattr(hyperparameters, name) == value for name, value in fields.items())
 
 
-def test_exploration_falls_in_a_straight_line_and_stays() -> None:
+def test_exploration_falls_in_a_straight_line_and_stays():
     hyperparameters = DQNHyperparameters(exploration=0.2, exploration_fall=0.5)
     found = [hyperparameters.exploring(progress) for progress in (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)]
     assert found == pytest.approx([1.0, 0.8, 0.6, 0.2, 0.2, 0.2])
@@ -80,5 +79,5 @@ def test_exploration_falls_in_a_straight_line_and_stays() -> None:
 @pytest.mark.parametrize(
     ("steps", "updates"), [(480, 10), (479, 9), (48, 1), (1, 1), (5_000_000, 104_166)]
 )
-def test_updates_are_the_whole_ones_that_the_steps_pay_for(steps: int, updates: int) -> None:
+def test_updates_are_the_whole_ones_that_the_steps_pay_for(steps, updates):
     assert DQNConfig(steps=steps, steps_per_update=48).updates == updates

@@ -20,7 +20,7 @@ def their_table(sets):
     return ExpertTable.of(sets, "to_go", 0.9)
 
 
-def test_columns_are_the_sets_end_to_end(sets, table) -> None:
+def test_columns_are_the_sets_end_to_end(sets, table):
     assert table.row_bounds.tolist() == [0, 40, 55]
     assert table.start_bounds.tolist() == [0, 5, 8]
     assert table.starts[:8].tolist() == [0, 8, 16, 24, 32, 40, 45, 50]
@@ -31,7 +31,7 @@ def test_columns_are_the_sets_end_to_end(sets, table) -> None:
         assert len(column) == 2048 and not column[55:].any()
 
 
-def test_targets_are_the_returns_of_the_chosen_reading(sets, table) -> None:
+def test_targets_are_the_returns_of_the_chosen_reading(sets, table):
     for rows, data in ((slice(0, 40), sets[0]), (slice(40, 55), sets[1])):
         found, expected = table.columns.target, data.returns("to_go", 0.9)
         np.testing.assert_allclose(found.env[rows], expected.env, rtol=1e-5)
@@ -39,7 +39,7 @@ def test_targets_are_the_returns_of_the_chosen_reading(sets, table) -> None:
 
 
 @pytest.mark.parametrize(("dataset", "rows"), [(0, range(40)), (1, range(15))])
-def test_sampling_reaches_all_rows_of_its_set_and_no_other(table, dataset: int, rows) -> None:
+def test_sampling_reaches_all_rows_of_its_set_and_no_other(table, dataset, rows):
     batch = table.sample(KEY, jnp.int32(dataset), 3000)
     assert set(batch.observation[:, 0].tolist()) == set(rows)
     first = int(table.row_bounds[dataset])
@@ -49,12 +49,12 @@ def test_sampling_reaches_all_rows_of_its_set_and_no_other(table, dataset: int, 
 
 
 @pytest.mark.parametrize(("dataset", "firsts"), [(0, {0, 8, 16, 24, 32}), (1, {0, 5, 10})])
-def test_initial_states_are_the_first_rows_of_the_set(table, dataset: int, firsts: set) -> None:
+def test_initial_states_are_the_first_rows_of_the_set(table, dataset, firsts):
     states = table.sample_initial(KEY, jnp.int32(dataset), 200)
     assert set(states[:, 0].tolist()) == firsts
 
 
-def test_weighted_sampling_has_the_frequencies_of_the_weights(table) -> None:
+def test_weighted_sampling_has_the_frequencies_of_the_weights(table):
     weights = np.zeros(55)
     weights[[3, 10, 20]] = 0.2, 0.5, 0.3
     batch = table.sample_weighted(KEY, jnp.asarray(weights.cumsum(), jnp.float32), 20_000)
@@ -63,7 +63,7 @@ def test_weighted_sampling_has_the_frequencies_of_the_weights(table) -> None:
     np.testing.assert_allclose(frequencies, weights, atol=0.012)
 
 
-def test_rounding_of_the_cumulative_weights_never_draws_a_row_of_weight_zero(table) -> None:
+def test_rounding_of_the_cumulative_weights_never_draws_a_row_of_weight_zero(table):
     """A float32 sum of weights ends near 1, not at it; here far from it, to make it sure."""
     weights = np.zeros(55)
     weights[[3, 10]] = 0.5, 0.3
@@ -71,9 +71,7 @@ def test_rounding_of_the_cumulative_weights_never_draws_a_row_of_weight_zero(tab
     assert set(batch.observation[:, 0].tolist()) == {3.0, 10.0}
 
 
-def test_draws_on_the_very_bounds_take_a_row_with_weight(
-    table, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_draws_on_the_very_bounds_take_a_row_with_weight(table, monkeypatch):
     weights = np.zeros(55)
     weights[[3, 10]] = 0.5
     monkeypatch.setattr(jax.random, "uniform", lambda key, shape: jnp.array([0.0, 0.5]))
@@ -81,7 +79,7 @@ def test_draws_on_the_very_bounds_take_a_row_with_weight(
     assert batch.observation[:, 0].tolist() == [3.0, 10.0]
 
 
-def test_sets_that_cannot_stand_together_are_refused(demonstrations) -> None:
+def test_sets_that_cannot_stand_together_are_refused(demonstrations):
     with pytest.raises(UserError, match="no demonstrations"):
         ExpertTable.of([], "to_go", 0.9)
     with pytest.raises(UserError, match="different observations"):

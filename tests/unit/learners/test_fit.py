@@ -94,7 +94,7 @@ def interrupt_after(done: int) -> Callable[[Report], None]:
 
 
 @pytest.fixture(name="whole", scope="module")
-def uninterrupted() -> tuple[Runs, History]:
+def uninterrupted():
     return train(toys(1.0, 5.0))
 
 
@@ -105,7 +105,7 @@ def assert_same_history(one: History, other: History) -> None:
         np.testing.assert_array_equal(one.array(name), other.array(name))
 
 
-def test_runs_converge_to_their_own_targets(whole) -> None:
+def test_runs_converge_to_their_own_targets(whole):
     runs, history = whole
     np.testing.assert_allclose(runs.state["x"], [[1] * 3, [5] * 3], atol=0.01)
     assert runs.updates.tolist() == [TOTAL, TOTAL]
@@ -114,18 +114,18 @@ def test_runs_converge_to_their_own_targets(whole) -> None:
     assert history.array("square").shape == (4, 2)
 
 
-def test_the_history_holds_the_means_over_each_chunk(whole) -> None:
+def test_the_history_holds_the_means_over_each_chunk(whole):
     """Without noise the distance shrinks by 0.8 at each update."""
     expected = [3 * np.mean(0.64 ** np.arange(start, start + 10)) for start in (0, 10)]
     np.testing.assert_allclose(whole[1].array("square")[:2, 0], expected, rtol=0.03)
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 40, 100])
-def test_the_size_of_chunks_changes_nothing(whole, assert_same, chunk: int) -> None:
+def test_the_size_of_chunks_changes_nothing(whole, assert_same, chunk):
     assert_same(train(toys(1.0, 5.0), chunk=chunk)[0], whole[0])
 
 
-def test_a_run_does_not_depend_on_its_neighbours(whole) -> None:
+def test_a_run_does_not_depend_on_its_neighbours(whole):
     alone, _ = train(toys(5.0))
     among, _ = train(toys(9.0, 5.0, 2.0, breaks_at=(3,)))
     for runs, run in ((alone, 0), (among, 1)):
@@ -133,9 +133,7 @@ def test_a_run_does_not_depend_on_its_neighbours(whole) -> None:
 
 
 @pytest.mark.parametrize(("breaks", "term"), [(0, "noise"), (1, "square"), (2, "parameters")])
-def test_a_run_that_breaks_keeps_its_last_sound_state(
-    whole, assert_same, breaks: int, term: str
-) -> None:
+def test_a_run_that_breaks_keeps_its_last_sound_state(whole, assert_same, breaks, term):
     reports: list[Report] = []
     names = ("first", "second")
     hyperparameters = toys(1.0, 5.0, breaks_at=(20,), breaks=breaks)
@@ -152,7 +150,7 @@ def test_a_run_that_breaks_keeps_its_last_sound_state(
     )
 
 
-def test_a_run_without_a_name_is_called_by_its_number() -> None:
+def test_a_run_without_a_name_is_called_by_its_number():
     reports: list[Report] = []
     train(toys(1.0, 5.0, breaks_at=(0, 0)), on_report=reports.append)
     assert [line[:13] for line in reports[-1].failures] == ["run 0 stopped", "run 1 stopped"]
@@ -166,7 +164,7 @@ def test_a_run_without_a_name_is_called_by_its_number() -> None:
         (("strength", "prior_weight"), "learning_rate, strength or prior_weight"),
     ],
 )
-def test_what_to_lower_is_what_the_learner_has(numbers: tuple[str, ...], lower: str) -> None:
+def test_what_to_lower_is_what_the_learner_has(numbers, lower):
     one = np.zeros(1, np.int32)
     stopped = Runs(state=None, carry=None, updates=one, failed_at=one + 3, failed_term=one)
     arrays = HyperparameterArrays(dict.fromkeys(numbers, jnp.ones(1)))
@@ -175,9 +173,7 @@ def test_what_to_lower_is_what_the_learner_has(numbers: tuple[str, ...], lower: 
 
 
 @pytest.mark.parametrize("breaks", [0, 1, 2])
-def test_a_run_that_breaks_amid_a_chunk_keeps_its_last_sound_state(
-    assert_same, breaks: int
-) -> None:
+def test_a_run_that_breaks_amid_a_chunk_keeps_its_last_sound_state(assert_same, breaks):
     runs, history = train(toys(1.0, 5.0, breaks_at=(13,), breaks=breaks), chunk=10)
     before, _ = train(toys(1.0, 5.0), chunk=13, total=13)
     assert runs.failed_at.tolist() == [13, -1]
@@ -186,12 +182,12 @@ def test_a_run_that_breaks_amid_a_chunk_keeps_its_last_sound_state(
     assert np.isnan(history.array("square")[:, 0]).tolist() == [False, True, True, True]
 
 
-def test_only_the_first_failure_is_told() -> None:
+def test_only_the_first_failure_is_told():
     always = fit.fit(Broken(), toys(1.0), TOTAL, 10, "toy", Callbacks())[0]
     assert (always.failed_at.tolist(), always.failed_term.tolist()) == ([0], [0])
 
 
-def test_reports_and_history_leave_a_broken_run_out() -> None:
+def test_reports_and_history_leave_a_broken_run_out():
     reports: list[Report] = []
     hyperparameters = toys(100.0, 5.0, breaks_at=(3,))
     _, history = train(hyperparameters, on_report=reports.append)
@@ -200,7 +196,7 @@ def test_reports_and_history_leave_a_broken_run_out() -> None:
     assert [report.terms["square"] for report in reports] == square[:, 1].tolist()
 
 
-def test_reports_tell_progress_terms_and_what_the_monitor_saw() -> None:
+def test_reports_tell_progress_terms_and_what_the_monitor_saw():
     reports: list[Report] = []
     runs, history = train(
         toys(1.0, 5.0),
@@ -219,8 +215,8 @@ def test_reports_tell_progress_terms_and_what_the_monitor_saw() -> None:
 
 
 def test_the_rate_leaves_out_the_first_chunk_which_compiles(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     now, reports = [0.0], []
     monkeypatch.setattr(callbacks_module.time, "monotonic", lambda: now[0])
 
@@ -234,9 +230,7 @@ def test_the_rate_leaves_out_the_first_chunk_which_compiles(
 
 
 @pytest.mark.parametrize("stops", [[10], [30], [10, 30]])
-def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
-    whole, assert_same, tmp_path: Path, stops: list[int]
-) -> None:
+def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(whole, assert_same, tmp_path, stops):
     path = tmp_path / "state"
     for number, done in enumerate(stops):
         with pytest.raises(Stopped, match=f"stopped after {done} of 40 updates: go on with"):
@@ -251,7 +245,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
     assert_same_history(history, whole[1])
 
 
-def test_a_broken_run_stays_broken_after_a_resume(assert_same, tmp_path: Path) -> None:
+def test_a_broken_run_stays_broken_after_a_resume(assert_same, tmp_path):
     hyperparameters, path = toys(1.0, 5.0, breaks_at=(3,)), tmp_path / "state"
     with pytest.raises(Stopped):
         train(hyperparameters, on_report=interrupt_after(20), checkpoint=path)
@@ -261,7 +255,7 @@ def test_a_broken_run_stays_broken_after_a_resume(assert_same, tmp_path: Path) -
     assert_same_history(history, whole_history)
 
 
-def test_a_run_that_is_resumed_at_its_end_still_names_what_broke(tmp_path: Path) -> None:
+def test_a_run_that_is_resumed_at_its_end_still_names_what_broke(tmp_path):
     runs, history = train(toys(1.0, 5.0, breaks_at=(13,)))
     fit.save_checkpoint(tmp_path / "state", "toy", runs, history)
     callbacks = Callbacks(checkpoint=tmp_path / "state", resume=True)
@@ -269,7 +263,7 @@ def test_a_run_that_is_resumed_at_its_end_still_names_what_broke(tmp_path: Path)
     assert lines == ("run 0 stopped at update 13: square not finite; lower learning_rate",)
 
 
-def test_before_chunk_is_told_the_updates_done_and_changes_the_runs() -> None:
+def test_before_chunk_is_told_the_updates_done_and_changes_the_runs():
     told = []
 
     def reset(runs: Runs, done: int) -> Runs:
@@ -282,19 +276,19 @@ def test_before_chunk_is_told_the_updates_done_and_changes_the_runs() -> None:
 
 
 @pytest.fixture(name="saved")
-def stopped_after_10(tmp_path: Path) -> Path:
+def stopped_after_10(tmp_path):
     path = tmp_path / "state"
     with pytest.raises(Stopped):
         train(toys(1.0, 5.0), on_report=interrupt_after(10), checkpoint=path)
     return path
 
 
-def test_a_checkpoint_of_another_run_is_refused(saved: Path) -> None:
+def test_a_checkpoint_of_another_run_is_refused(saved):
     with pytest.raises(UserError, match="belongs to a run of other settings or data"):
         train(toys(1.0, 5.0), fingerprint="other", checkpoint=saved, resume=True)
 
 
-def test_a_damaged_or_missing_checkpoint_is_refused(saved: Path) -> None:
+def test_a_damaged_or_missing_checkpoint_is_refused(saved):
     content = bytearray(saved.read_bytes())
     content[-20] ^= 1
     saved.write_bytes(content)
@@ -307,12 +301,12 @@ def test_a_damaged_or_missing_checkpoint_is_refused(saved: Path) -> None:
         train(toys(1.0, 5.0), resume=True)
 
 
-def test_stopping_without_a_checkpoint_says_that_nothing_was_saved() -> None:
+def test_stopping_without_a_checkpoint_says_that_nothing_was_saved():
     with pytest.raises(Stopped, match="stopped after 20 of 40 updates; nothing was saved"):
         train(toys(1.0, 5.0), on_report=interrupt_after(20))
 
 
-def test_a_stop_in_the_last_chunk_is_the_end_of_the_run(whole, assert_same, tmp_path: Path) -> None:
+def test_a_stop_in_the_last_chunk_is_the_end_of_the_run(whole, assert_same, tmp_path):
     path = tmp_path / "state"
     runs, _ = train(toys(1.0, 5.0), on_report=interrupt_after(40), checkpoint=path)
     assert_same(runs, whole[0])
@@ -321,7 +315,7 @@ def test_a_stop_in_the_last_chunk_is_the_end_of_the_run(whole, assert_same, tmp_
     assert_same_history(history, whole[1])
 
 
-def test_a_second_interrupt_stops_at_once_and_the_handler_comes_back() -> None:
+def test_a_second_interrupt_stops_at_once_and_the_handler_comes_back():
     before = signal.getsignal(signal.SIGINT)
     twice = interrupt_after(10)
 
@@ -334,7 +328,7 @@ def test_a_second_interrupt_stops_at_once_and_the_handler_comes_back() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_a_run_outside_the_main_thread_leaves_signals_alone(whole, assert_same) -> None:
+def test_a_run_outside_the_main_thread_leaves_signals_alone(whole, assert_same):
     results = []
     thread = threading.Thread(target=lambda: results.append(train(toys(1.0, 5.0))))
     thread.start()
@@ -342,9 +336,7 @@ def test_a_run_outside_the_main_thread_leaves_signals_alone(whole, assert_same) 
     assert_same(results[0][0], whole[0])
 
 
-def test_checkpoints_are_written_about_once_a_minute(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_checkpoints_are_written_about_once_a_minute(monkeypatch, tmp_path):
     now, path, written = [0.0], tmp_path / "state", []
     monkeypatch.setattr(callbacks_module.time, "monotonic", lambda: now[0])
 
@@ -364,7 +356,7 @@ class Setting:
     hidden: tuple[int, ...] = (8,)
 
 
-def test_a_fingerprint_names_the_data_and_every_setting() -> None:
+def test_a_fingerprint_names_the_data_and_every_setting():
     table = {"a": np.arange(4), "b": np.ones(2)}
     same = {fit.fingerprint(table, Setting()), fit.fingerprint(dict(table), Setting(0.5, (8,)))}
     assert len(same) == 1

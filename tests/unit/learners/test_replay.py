@@ -24,7 +24,7 @@ def filled(count: int) -> Replay:
     return ring
 
 
-def test_an_empty_ring_has_room_and_nothing_added() -> None:
+def test_an_empty_ring_has_room_and_nothing_added():
     ring = Replay.empty(CAPACITY, Batch.empty(2))
     assert ring.columns.observation.shape == (CAPACITY, 2)
     assert ring.added == 0
@@ -33,7 +33,7 @@ def test_an_empty_ring_has_room_and_nothing_added() -> None:
 @pytest.mark.parametrize(
     ("count", "numbers"), [(3, [0, 1, 2, 0, 0]), (5, [0, 1, 2, 3, 4]), (7, [5, 6, 2, 3, 4])]
 )
-def test_a_full_ring_forgets_the_oldest(count: int, numbers: list[int]) -> None:
+def test_a_full_ring_forgets_the_oldest(count, numbers):
     ring = filled(count)
     assert ring.added == count
     assert ring.columns.action.tolist() == numbers
@@ -44,13 +44,13 @@ def test_a_full_ring_forgets_the_oldest(count: int, numbers: list[int]) -> None:
 
 @pytest.mark.parametrize("before", [0, 3, 9])
 @pytest.mark.parametrize("count", [1, 4, 5, 8, 13])
-def test_adding_many_is_adding_one_by_one(assert_same, before: int, count: int) -> None:
+def test_adding_many_is_adding_one_by_one(assert_same, before, count):
     """Also more than the ring holds: the newest stay."""
     together = Replay.add_many(filled(before), transitions(before, count))
     assert_same(together, filled(before + count))
 
 
-def test_sampling_draws_evenly_and_only_what_was_added() -> None:
+def test_sampling_draws_evenly_and_only_what_was_added():
     drawn = Replay.sample(filled(3), jax.random.key(0), 3000)
     np.testing.assert_allclose(np.bincount(drawn.action) / 3000, [1 / 3] * 3, atol=0.04)
     drawn = Replay.sample(filled(7), jax.random.key(0), 500)

@@ -17,7 +17,7 @@ class Settings:
     dataset: int = 1
 
 
-def test_the_first_step_of_adam_is_the_learning_rate_by_the_sign_and_the_target_follows() -> None:
+def test_the_first_step_of_adam_is_the_learning_rate_by_the_sign_and_the_target_follows():
     state = TrainState.of({"w": jnp.array([1.0, -2.0])})
     after = state.step({"w": jnp.array([3.0, -0.1])}, learning_rate=0.5, polyak=0.2)
     np.testing.assert_allclose(after.network["w"], [0.5, -1.5], rtol=1e-5)
@@ -27,7 +27,7 @@ def test_the_first_step_of_adam_is_the_learning_rate_by_the_sign_and_the_target_
     assert again.optimiser.count == 2
 
 
-def test_each_part_of_a_network_may_have_a_learning_rate_of_its_own() -> None:
+def test_each_part_of_a_network_may_have_a_learning_rate_of_its_own():
     weights = {"actor": {"w": jnp.ones(1)}, "critic": {"w": jnp.ones(1), "b": jnp.ones(1)}}
     gradient = {"actor": {"w": jnp.ones(1)}, "critic": {"w": jnp.ones(1), "b": -jnp.ones(1)}}
     state = TrainState.of(weights, has_target=False)
@@ -42,12 +42,12 @@ def test_each_part_of_a_network_may_have_a_learning_rate_of_its_own() -> None:
     np.testing.assert_array_equal(whole, parts)
 
 
-def test_a_learner_without_a_target_network_has_none_after_a_step() -> None:
+def test_a_learner_without_a_target_network_has_none_after_a_step():
     state = TrainState.of({"w": jnp.ones(1)}, has_target=False)
     assert state.step({"w": jnp.ones(1)}, 0.1, 0.0).target_network is None
 
 
-def test_hyperparameters_are_stacked_with_their_types_and_the_angle_as_weights() -> None:
+def test_hyperparameters_are_stacked_with_their_types_and_the_angle_as_weights():
     stacked = stack([Settings(), Settings(angle=0.0, rate=2.0, seed=3, dataset=0)])
     assert (stacked.seed.dtype, stacked.dataset.dtype) == (jnp.uint32, jnp.int32)
     assert stacked.seed.tolist() == [2**32 - 1, 3]
@@ -59,7 +59,7 @@ def test_hyperparameters_are_stacked_with_their_types_and_the_angle_as_weights()
         _ = stacked.angle
 
 
-def test_a_hyperparameter_that_is_no_number_is_refused() -> None:
+def test_a_hyperparameter_that_is_no_number_is_refused():
     @dataclasses.dataclass(frozen=True)
     class Named:
         kind: str = "l1"

@@ -1,5 +1,3 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -49,15 +47,15 @@ def small_road() -> TabularMDP:
 
 
 @pytest.fixture(name="small_road")
-def small_road_fixture() -> TabularMDP:
+def small_road_fixture():
     return small_road()
 
 
 @pytest.fixture(name="random_mdp")
-def random_mdp_fixture() -> Callable[..., TabularMDP]:
+def random_mdp_fixture():
     return random_mdp
 
 
 @pytest.fixture(name="random_policy")
-def random_policy_fixture() -> Callable[..., np.ndarray]:
+def random_policy_fixture():
     return random_policy

@@ -12,7 +12,7 @@ from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum, soft_horiz
 from socialiq.mdp.solve import soft_value
 
 
-def test_barred_actions_are_never_taken(random_mdp) -> None:
+def test_barred_actions_are_never_taken(random_mdp):
     rng = np.random.default_rng(0)
     mdp = random_mdp(rng, 4, 3, 2, 0.1)
     allowed = rng.random((4, 3)) < 0.6
@@ -24,7 +24,7 @@ def test_barred_actions_are_never_taken(random_mdp) -> None:
 
 
 @pytest.mark.parametrize("timed", [False, True])
-def test_the_best_allowed_policy_is_found(random_mdp, timed: bool) -> None:
+def test_the_best_allowed_policy_is_found(random_mdp, timed):
     """Compare with every deterministic policy of a tiny world within the allowed actions."""
     rng = np.random.default_rng(1)
     mdp = random_mdp(rng, 2, 2, 2, 0.2)
@@ -43,7 +43,7 @@ def test_the_best_allowed_policy_is_found(random_mdp, timed: bool) -> None:
     assert best == pytest.approx(max(values))
 
 
-def test_less_support_never_attains_more(random_mdp) -> None:
+def test_less_support_never_attains_more(random_mdp):
     rng = np.random.default_rng(2)
     mdp = random_mdp(rng, 4, 3, 2, 0.1)
     whole = attainable_set(mdp, 4)
@@ -55,13 +55,13 @@ def test_less_support_never_attains_more(random_mdp) -> None:
     assert part.optimum(0.0).value < whole.optimum(0.0).value
 
 
-def test_a_mask_of_another_shape_is_refused(small_road, monkeypatch) -> None:
+def test_a_mask_of_another_shape_is_refused(small_road, monkeypatch):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as a user runs it
     with pytest.raises(UserError, match="allowed has shape"):
         horizon_optimum(small_road, small_road.rewards.env, 3, allowed=np.ones((2, 2), bool))
 
 
-def test_a_soft_optimum_by_hand(small_road) -> None:
+def test_a_soft_optimum_by_hand(small_road):
     """One step: V = τ log Σ exp(r / τ), probabilities its softmax."""
     reward, temperature = small_road.rewards.env, 0.7
     found = soft_horizon_optimum(small_road, reward, 1, temperature)
@@ -71,9 +71,7 @@ def test_a_soft_optimum_by_hand(small_road) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_soft_optimum_is_its_own_value_and_no_policy_has_more(
-    seed: int, random_mdp, random_policy
-) -> None:
+def test_a_soft_optimum_is_its_own_value_and_no_policy_has_more(seed, random_mdp, random_policy):
     rng = np.random.default_rng(seed)
     mdp, horizon, temperature = random_mdp(rng, 4, 3, 2, 0.2), 4, 0.5
 
@@ -92,7 +90,7 @@ def test_a_soft_optimum_is_its_own_value_and_no_policy_has_more(
         assert worth(random_policy(rng, horizon, 4, 3)) < best.value
 
 
-def test_a_cold_soft_optimum_is_the_hard_one(random_mdp) -> None:
+def test_a_cold_soft_optimum_is_the_hard_one(random_mdp):
     mdp = random_mdp(np.random.default_rng(5), 4, 3, 2, 0.2)
     cold = soft_horizon_optimum(mdp, mdp.rewards.env, 4, 1e-3)
     hard = horizon_optimum(mdp, mdp.rewards.env, 4)

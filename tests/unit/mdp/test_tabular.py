@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -92,12 +91,6 @@ def test_reachable_part_has_the_same_values(seed, random_mdp):
     np.testing.assert_allclose(found, whole[states], rtol=1e-11)
 
 
-@pytest.fixture
-def without_shape_checker(monkeypatch):
-    """Disable the tests' run-time shape checks, which would reject wrong shapes first."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-
-
 def changed(array: np.ndarray, value: float) -> np.ndarray:
     array = array.copy()
     array[(0,) * array.ndim] = value
@@ -125,16 +118,14 @@ def changed(array: np.ndarray, value: float) -> np.ndarray:
         ("initial", lambda a: changed(a, 0.9), "initial distribution must sum to 1"),
     ],
 )
-def test_bad_arrays_are_refused_in_one_line(
-    field, change, words, small_road, without_shape_checker
-):
+def test_bad_arrays_are_refused_in_one_line(field, change, words, small_road, as_a_user_runs_it):
     arrays = {name: getattr(small_road, name) for name in TabularMDP.__dataclass_fields__}
     with pytest.raises(UserError, match=words) as caught:
         TabularMDP(**{**arrays, field: change(arrays[field])})
     assert "\n" not in str(caught.value)
 
 
-def test_an_empty_mdp_is_refused(small_road, without_shape_checker):
+def test_an_empty_mdp_is_refused(small_road, as_a_user_runs_it):
     empty = np.zeros((0, 2, 1), np.int64)
     with pytest.raises(UserError, match="none empty"):
         replace(small_road, successor=empty)

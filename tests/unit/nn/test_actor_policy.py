@@ -1,5 +1,4 @@
 import re
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +20,7 @@ def actor(inputs: int = 3, stochastic: bool = True, scale: float = 1.0) -> Actor
 
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 @pytest.mark.parametrize("stochastic", [True, False])
-def test_the_policy_is_the_network(stochastic: bool, scale: float) -> None:
+def test_the_policy_is_the_network(stochastic, scale):
     network = actor(stochastic=stochastic, scale=scale)
     policy = ActorPolicy.of(network, {})
     mean = np.asarray(jax.vmap(network)(jnp.asarray(SEEN))[0])
@@ -35,7 +34,7 @@ def test_the_policy_is_the_network(stochastic: bool, scale: float) -> None:
     )
 
 
-def test_draws_have_mean_and_deviation_of_the_network() -> None:
+def test_draws_have_mean_and_deviation_of_the_network():
     policy = ActorPolicy.of(actor(), {})
     mean, deviation = policy.gaussian(SEEN[:1])
     drawn = policy.predict(np.repeat(SEEN[:1], 20_000, axis=0), deterministic=False)[0]
@@ -44,7 +43,7 @@ def test_draws_have_mean_and_deviation_of_the_network() -> None:
     np.testing.assert_allclose(u.std(axis=0), deviation[0], rtol=0.05)
 
 
-def test_a_saved_policy_comes_back(tmp_path: Path) -> None:
+def test_a_saved_policy_comes_back(tmp_path):
     policy = ActorPolicy.of(actor(), {"made": "here"})
     policy.save(tmp_path / "one.safetensors")
     again = ActorPolicy.load(tmp_path / "one.safetensors")
@@ -52,7 +51,7 @@ def test_a_saved_policy_comes_back(tmp_path: Path) -> None:
     assert again.provenance == {"made": "here"} and again.sha256
 
 
-def test_a_dial_is_its_network_at_the_angle(tmp_path: Path) -> None:
+def test_a_dial_is_its_network_at_the_angle(tmp_path):
     network = actor(5)
     ActorDial(ActorPolicy.of(network, {}), 0.0, 90.0).save(tmp_path / "dial.safetensors")
     dial = ActorDial.load(tmp_path / "dial.safetensors")
@@ -73,7 +72,7 @@ def drives(rows: int = 5, times: int = 4) -> np.ndarray:
     return np.column_stack([seen.reshape(rows, 21), rng.integers(0, times, rows)])
 
 
-def test_an_actor_with_a_view_is_its_policy_and_its_dial(tmp_path: Path) -> None:
+def test_an_actor_with_a_view_is_its_policy_and_its_dial(tmp_path):
     seen = drives().astype(np.float32)
     shape = (jax.random.key(0), 24, (8, 8), 1)
     network = Actor.initialise(*shape, view="set", times=4, extra=2)
@@ -90,7 +89,7 @@ def test_an_actor_with_a_view_is_its_policy_and_its_dial(tmp_path: Path) -> None
     np.testing.assert_allclose(trainable, mean, rtol=1e-4, atol=1e-5)
 
 
-def test_twin_critics_with_a_view_ignore_the_order_of_vehicles() -> None:
+def test_twin_critics_with_a_view_ignore_the_order_of_vehicles():
     critics = TwinCritics.initialise(jax.random.key(0), 22, (8,), 1, view="set", times=4)
     seen = drives().astype(np.float32)
     swapped = seen.copy()
@@ -113,7 +112,7 @@ def test_twin_critics_with_a_view_ignore_the_order_of_vehicles() -> None:
         ({"layers": 0}, "must have 1 to 100 layers"),
     ],
 )
-def test_a_file_that_does_not_fit_is_refused(tmp_path: Path, changes: dict, says: str) -> None:
+def test_a_file_that_does_not_fit_is_refused(tmp_path, changes, says):
     path = tmp_path / "bad.safetensors"
     arrays, header = ActorPolicy.of(actor(), {}).content()
     save_arrays(path, "actor", 1, arrays, header | changes)
@@ -121,7 +120,7 @@ def test_a_file_that_does_not_fit_is_refused(tmp_path: Path, changes: dict, says
         ActorPolicy.load(path)
 
 
-def test_a_dial_without_a_range_is_refused(tmp_path: Path) -> None:
+def test_a_dial_without_a_range_is_refused(tmp_path):
     path = tmp_path / "bad.safetensors"
     arrays, header = ActorPolicy.of(actor(5), {}).content()
     save_arrays(path, "actor-dial", 1, arrays, header | {"low": 90.0, "high": 0.0})
@@ -130,7 +129,7 @@ def test_a_dial_without_a_range_is_refused(tmp_path: Path) -> None:
     assert load_arrays(path, "actor-dial", 1)[1]["high"] == 0.0
 
 
-def test_bad_observations_are_refused() -> None:
+def test_bad_observations_are_refused():
     policy = ActorPolicy.of(actor(), {})
     for bad, says in (
         (np.zeros(4), "this policy takes (3,)"),

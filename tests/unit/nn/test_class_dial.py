@@ -14,20 +14,18 @@ KINDS = {"plain": {}, "one_hot": {"one_hot": ((0, 3), (0, 3))}, "pairs": {"pairs
 
 
 @pytest.fixture(name="network", params=KINDS)
-def some_network(request: pytest.FixtureRequest) -> DialNetwork:
+def some_network(request):
     shape = jax.random.key(0), 2, (16, 8), 3
     return DialNetwork.initialise(*shape, classes=True, **KINDS[request.param])
 
 
 @pytest.fixture(name="dial")
-def some_dial(network: DialNetwork) -> ClassDial:
+def some_dial(network):
     return ClassDial.of(network, 0.5, 0.0, 90.0, {"learner": "test"})
 
 
 @pytest.mark.parametrize("angles", [(0.0, 30.0), (60.0, 0.0), (37.0, 52.0), (90.0, 90.0)])
-def test_the_dial_of_a_class_angle_is_the_network_asked_at_both(
-    network: DialNetwork, dial: ClassDial, angles: tuple[float, float]
-) -> None:
+def test_the_dial_of_a_class_angle_is_the_network_asked_at_both(network, dial, angles):
     direction = jax.tree.map(lambda part: jnp.full(20, part), direction_of(*angles))
     expected = jax.vmap(network)(OBSERVATIONS, direction)
     turned = dial.of_class(angles[1])
@@ -36,7 +34,7 @@ def test_the_dial_of_a_class_angle_is_the_network_asked_at_both(
     assert turned.provenance["class_angle"] == angles[1]
 
 
-def test_a_dial_is_the_same_after_it_was_saved(dial: ClassDial, tmp_path) -> None:
+def test_a_dial_is_the_same_after_it_was_saved(dial, tmp_path):
     dial.save(tmp_path / "dial.safetensors")
     loaded = ClassDial.load(tmp_path / "dial.safetensors")
     assert (loaded.low, loaded.high, loaded.pairs) == (0.0, 90.0, dial.pairs)
@@ -45,7 +43,7 @@ def test_a_dial_is_the_same_after_it_was_saved(dial: ClassDial, tmp_path) -> Non
 
 
 @pytest.mark.parametrize("header", [{"pairs": 1}, {"low": "a"}, {"low": 90.0, "high": 0.0}])
-def test_a_damaged_header_is_refused(dial: ClassDial, header: dict, tmp_path) -> None:
+def test_a_damaged_header_is_refused(dial, header, tmp_path):
     path = tmp_path / "dial.safetensors"
     dial.save(path)
     arrays, saved = load_arrays(path, ClassDial.KIND, ClassDial.VERSIONS)
@@ -55,6 +53,6 @@ def test_a_damaged_header_is_refused(dial: ClassDial, header: dict, tmp_path) ->
         ClassDial.load(path)
 
 
-def test_a_class_angle_outside_the_octant_is_refused(dial: ClassDial) -> None:
+def test_a_class_angle_outside_the_octant_is_refused(dial):
     with pytest.raises(UserError, match=r"class angle 95 is outside \[0, 90\] degrees"):
         dial.of_class(95.0)

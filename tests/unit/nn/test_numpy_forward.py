@@ -52,34 +52,35 @@ def check(policy: QPolicy, wanted: jax.Array, seen: np.ndarray) -> None:
     np.testing.assert_array_equal([policy.predict(row)[0] for row in seen[:20]], best[:20])
 
 
-@pytest.mark.parametrize("view", CHOICES)
-@pytest.mark.parametrize("activation", ["relu", "elu"])
-def test_networks(view: str, activation: str) -> None:
+@pytest.mark.parametrize(
+    ("view", "activation"), [("flat", "elu"), *((view, "relu") for view in CHOICES)]
+)
+def test_networks(view, activation):
     network = QNetwork.initialise(KEY, FEATURES, (16, 8), 3, activation, view)
     check(QPolicy.of(network, 1.0, {}), jax.vmap(network)(scenes()), scenes())
 
 
-def test_a_network_with_a_scale_and_one_with_the_time() -> None:
+def test_a_network_with_a_scale_and_one_with_the_time():
     scaled = QNetwork.initialise(KEY, FEATURES, (16,), 3, scale=0.2)
     check(QPolicy.of(scaled, 1.0, {}), jax.vmap(scaled)(scenes()), scenes())
     timed = QNetwork.initialise(KEY, FEATURES + 1, (16,), 3, view="set", times=5)
     check(QPolicy.of(timed, 1.0, {}), jax.vmap(timed)(scenes(5)), scenes(5))
 
 
-def test_integers_one_hot() -> None:
+def test_integers_one_hot():
     network = QNetwork.initialise(KEY, FEATURES, (16,), 3, one_hot=ONE_HOT)
     whole = np.random.default_rng(0).integers(-1, 4, (ROWS, FEATURES)).astype(np.float32)
     check(QPolicy.of(network, 1.0, {}), jax.vmap(network)(whole), whole)
 
 
-def test_value_and_policy_apart() -> None:
+def test_value_and_policy_apart():
     network = DuelingNetwork.initialise(KEY, 0.5, FEATURES, (16,), 3, view="set")
     check(QPolicy.of(network, 0.5, {}), jax.vmap(network)(scenes()), scenes())
 
 
 @pytest.mark.parametrize("pairs", [False, True])
 @pytest.mark.parametrize("knots", [(), (0.0, 45.0, 90.0)])
-def test_dials(pairs: bool, knots: tuple[float, ...]) -> None:
+def test_dials(pairs, knots):
     network = DialNetwork.initialise(
         KEY, FEATURES, (16, 8), 3, view="set", pairs=pairs, knots=knots
     )
@@ -90,7 +91,7 @@ def test_dials(pairs: bool, knots: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize("stochastic", [False, True])
-def test_actors(stochastic: bool) -> None:
+def test_actors(stochastic):
     actor = Actor.initialise(KEY, FEATURES, (16, 8), 2, stochastic=stochastic, view="set_ahead")
     policy, (mean, log_std) = ActorPolicy.of(actor, {}), jax.vmap(actor)(scenes())
     found, deviation = policy.gaussian(scenes())
@@ -99,7 +100,7 @@ def test_actors(stochastic: bool) -> None:
     np.testing.assert_allclose(policy.predict(scenes())[0], np.tanh(mean), atol=1e-5)
 
 
-def test_acting_needs_no_jax() -> None:
+def test_acting_needs_no_jax():
     """With no JAX to import, policies load and act, and a gridworld says what it needs."""
     imports = "; ".join(f"import socialiq.{module}" for module in LIGHT)
     program = (

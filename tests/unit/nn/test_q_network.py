@@ -7,13 +7,13 @@ import pytest
 from socialiq.nn.q_network import QNetwork, network_of
 
 
-def test_layers_and_output_have_the_asked_shapes() -> None:
+def test_layers_and_output_have_the_asked_shapes():
     network = QNetwork.initialise(jax.random.key(0), 5, (7, 4), 3)
     assert [layer.weight.shape for layer in network.layers] == [(7, 5), (4, 7), (3, 4)]
     assert jax.vmap(network)(jnp.ones((6, 5))).shape == (6, 3)
 
 
-def test_without_hidden_layers_the_network_is_affine() -> None:
+def test_without_hidden_layers_the_network_is_affine():
     network = QNetwork.initialise(jax.random.key(0), 2, (), 3)
     layer = network.layers[0]
     np.testing.assert_allclose(
@@ -24,7 +24,7 @@ def test_without_hidden_layers_the_network_is_affine() -> None:
 
 
 @pytest.mark.parametrize("layer", [0, 1])
-def test_weights_and_biases_fill_plus_minus_one_over_the_root_of_the_fan_in(layer: int) -> None:
+def test_weights_and_biases_fill_plus_minus_one_over_the_root_of_the_fan_in(layer):
     network = QNetwork.initialise(jax.random.key(1), 16, (400,), 400)
     bound = [1 / 4, 1 / 20][layer]  # 1/sqrt(16), 1/sqrt(400)
     for values in (network.layers[layer].weight, network.layers[layer].bias):
@@ -38,7 +38,7 @@ def test_weights_and_biases_fill_plus_minus_one_over_the_root_of_the_fan_in(laye
     ("activation", "expected"),
     [("relu", 1.5 + 2 * 0.0 + 0.25), ("elu", 1.5 + 2 * (np.exp(-1.5) - 1) + 0.25)],
 )
-def test_the_activation_stands_between_the_layers_only(activation: str, expected: float) -> None:
+def test_the_activation_stands_between_the_layers_only(activation, expected):
     drawn = QNetwork.initialise(jax.random.key(0), 2, (2,), 1, activation)
     parameters = [jnp.eye(2), jnp.full(2, 0.5), jnp.array([[1.0, 2.0]]), jnp.array([0.25])]
     network = eqx.tree_at(jax.tree.leaves, drawn, parameters)
@@ -46,7 +46,7 @@ def test_the_activation_stands_between_the_layers_only(activation: str, expected
     assert network(jnp.array([-9.0, -9.0]))[0] <= 0.25  # the last layer is not rectified
 
 
-def test_network_of_takes_one_lane() -> None:
+def test_network_of_takes_one_lane():
     keys = jax.random.split(jax.random.key(2), 3)
     runs = jax.vmap(lambda key: QNetwork.initialise(key, 4, (5,), 2))(keys)
     alone = QNetwork.initialise(keys[1], 4, (5,), 2)

@@ -1,7 +1,4 @@
-from pathlib import Path
-
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 from scipy.special import softmax
@@ -26,35 +23,29 @@ def bandit(*q: float, temperature: float = 1.0, seed: int = 0) -> QPolicy:
     return QPolicy((np.zeros((len(q), 1), np.float32),), (values,), "relu", temperature, {}, rng)
 
 
-@pytest.fixture
-def without_shape_checker(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Disable the tests' run-time shape checks, which would reject wrong shapes first."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-
-
 @pytest.fixture(name="policy")
-def some_policy() -> QPolicy:
+def some_policy():
     return QPolicy.of(network(), 0.5, {"learner": "test", "numbers": [1, 2.5]})
 
 
 @pytest.mark.parametrize("activation", ["relu", "elu"])
-def test_numpy_forward_equals_the_jax_network(activation: str) -> None:
+def test_numpy_forward_equals_the_jax_network(activation):
     jax_network = network(activation)
     policy = QPolicy.of(jax_network, 1.0, {})
     expected = jax.vmap(jax_network)(OBSERVATIONS)
     np.testing.assert_allclose(policy.q_values(OBSERVATIONS), expected, atol=1e-5)
 
 
-def test_sizes_are_those_of_the_network(policy: QPolicy) -> None:
+def test_sizes_are_those_of_the_network(policy):
     assert (policy.n_features, policy.n_actions) == (4, 3)
 
 
-def test_probabilities_are_the_softmax_at_the_temperature() -> None:
+def test_probabilities_are_the_softmax_at_the_temperature():
     found = bandit(0.0, 2 * np.log(3), temperature=2.0).probabilities(np.zeros((1, 1)))
     np.testing.assert_allclose(found, [[0.25, 0.75]], rtol=1e-6)
 
 
-def test_predict_has_the_form_of_stable_baselines(policy: QPolicy) -> None:
+def test_predict_has_the_form_of_stable_baselines(policy):
     assert isinstance(policy, Policy)
     memory = object()
     actions, state = policy.predict(OBSERVATIONS, memory, np.zeros(50, bool), True)
@@ -68,18 +59,18 @@ def test_predict_has_the_form_of_stable_baselines(policy: QPolicy) -> None:
     assert state is None
 
 
-def test_deterministic_takes_the_first_of_the_greatest() -> None:
+def test_deterministic_takes_the_first_of_the_greatest():
     action, _ = bandit(1.0, 3.0, 3.0).predict(np.zeros(1))
     assert action == 1
 
 
 @pytest.mark.parametrize("deterministic", [True, False])
-def test_a_batch_of_one_stays_a_batch(policy: QPolicy, deterministic: bool) -> None:
+def test_a_batch_of_one_stays_a_batch(policy, deterministic):
     actions, _ = policy.predict(OBSERVATIONS[:1], deterministic=deterministic)
     assert actions.shape == (1,)
 
 
-def test_stochastic_frequencies_are_the_probabilities() -> None:
+def test_stochastic_frequencies_are_the_probabilities():
     q, draws = [0.0, 1.0, -0.5], 40_000
     actions, _ = bandit(*q, temperature=0.7).predict(np.zeros((draws, 1)), deterministic=False)
     expected = softmax(np.array(q) / 0.7)
@@ -87,7 +78,7 @@ def test_stochastic_frequencies_are_the_probabilities() -> None:
     assert (error < 4 * np.sqrt(expected * (1 - expected) / draws)).all()
 
 
-def test_draws_come_from_the_given_generator() -> None:
+def test_draws_come_from_the_given_generator():
     many = np.zeros((200, 1))
     first, again, other = (
         bandit(0.0, 0.0, seed=seed).predict(many, deterministic=False)[0] for seed in (1, 1, 2)
@@ -96,7 +87,7 @@ def test_draws_come_from_the_given_generator() -> None:
     assert (first != other).any()
 
 
-def test_an_action_without_probability_is_never_drawn() -> None:
+def test_an_action_without_probability_is_never_drawn():
     policy = bandit(0.0, 1000.0, 0.0, temperature=0.01)
     actions, _ = policy.predict(np.zeros((2000, 1)), deterministic=False)
     assert (actions == 1).all()
@@ -113,16 +104,14 @@ def test_an_action_without_probability_is_never_drawn() -> None:
     ],
 )
 @pytest.mark.parametrize("deterministic", [True, False])
-@pytest.mark.usefixtures("without_shape_checker")
-def test_a_bad_observation_is_refused_in_one_line(
-    policy: QPolicy, observation: np.ndarray, words: str, deterministic: bool
-) -> None:
+@pytest.mark.usefixtures("as_a_user_runs_it")
+def test_a_bad_observation_is_refused_in_one_line(policy, observation, words, deterministic):
     with pytest.raises(UserError, match=words) as caught:
         policy.predict(observation, deterministic=deterministic)
     assert "\n" not in str(caught.value)
 
 
-def test_a_saved_policy_comes_back(policy: QPolicy, tmp_path: Path) -> None:
+def test_a_saved_policy_comes_back(policy, tmp_path):
     path = tmp_path / "policy.safetensors"
     sha256 = policy.save(path)
     loaded = QPolicy.load(path)
@@ -132,7 +121,7 @@ def test_a_saved_policy_comes_back(policy: QPolicy, tmp_path: Path) -> None:
     assert loaded.save(tmp_path / "again.safetensors") == sha256
 
 
-def test_a_damaged_or_foreign_file_is_refused(policy: QPolicy, tmp_path: Path) -> None:
+def test_a_damaged_or_foreign_file_is_refused(policy, tmp_path):
     path = tmp_path / "policy.safetensors"
     policy.save(path)
     whole = path.read_bytes()

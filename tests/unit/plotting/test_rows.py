@@ -17,7 +17,7 @@ def test_mean_least_and_largest_are_in_order_of_the_places():
     )
 
 
-def test_a_band_is_drawn_in_percent() -> None:
+def test_a_band_is_drawn_in_percent():
     axes = figure(3.0, 2.0).subplots()
     band(axes, ROWS, "angle", "share", 100.0, color="black", marker="o", label="shares")
     (drawn,) = axes.lines

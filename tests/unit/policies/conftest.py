@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -95,11 +94,5 @@ class Crafted:
 
 
 @pytest.fixture(scope="session")
-def crafted() -> type[Crafted]:
+def crafted():
     return Crafted
-
-
-@pytest.fixture
-def without_shape_checker(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a user runs it: the tests' own checker would refuse wrong shapes before we do."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

@@ -12,7 +12,7 @@ from socialiq.nn.view import Choice, OneHot, View
 from socialiq.policies.load import load_policy
 from socialiq.storage import save_arrays
 
-pytestmark = pytest.mark.usefixtures("without_shape_checker")
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 RANDOM = np.random.default_rng(0)
 OBSERVATIONS = RANDOM.normal(size=(50, 14)).astype(np.float32)
 

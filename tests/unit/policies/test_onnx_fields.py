@@ -75,7 +75,7 @@ def test_unknown_fields_are_refused():
 @pytest.mark.parametrize(
     "field", [inside(1, b""), inside(5, b""), inside(11, b""), inside(5, b"\x08\x01")]
 )
-def test_huge_counts_cost_nothing(crafted, without_shape_checker, field):
+def test_huge_counts_cost_nothing(crafted, as_a_user_runs_it, field):
     content = inside(7, field * 2_000_000)
     with crafted.bounded(20_000_000):
         refused(content, f"more than {MOST_FIELDS} fields")

@@ -147,7 +147,7 @@ def test_program_that_underruns_its_stack_is_refused(crafted, program):
         b"\x80\x02" + b"N" * 500_000 + b".",
     ],
 )
-def test_long_programs_are_not_read_to_their_end(crafted, without_shape_checker, program):
+def test_long_programs_are_not_read_to_their_end(crafted, as_a_user_runs_it, program):
     with crafted.bounded(20_000_000):
         refused(crafted.zipped({"a/data.pkl": program}), f"more than {MOST_OPCODES} opcodes")
 

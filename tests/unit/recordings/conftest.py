@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -45,12 +44,12 @@ def straight(
 
 
 @pytest.fixture(name="straight")
-def straight_fixture() -> Callable[..., Tracks]:
+def straight_fixture():
     return straight
 
 
 @pytest.fixture
-def road() -> RoadNetwork:
+def road():
     """Two lanes side by side, one of them leading on to a third lanelet."""
     return RoadNetwork(
         {
@@ -85,7 +84,7 @@ def road() -> RoadNetwork:
 
 
 @pytest.fixture
-def recording(road: RoadNetwork) -> Recording:
+def recording(road):
     """A car that drives, one that slides a little, a bus that stands."""
     tracks = straight([8.0, 9.0, 0.0], heading=0.3)
     kinds = np.array([0, 0, 2], np.int8)
@@ -117,12 +116,12 @@ def same_road(one: RoadNetwork, other: RoadNetwork) -> None:
 
 
 @pytest.fixture(name="same_road")
-def same_road_fixture() -> Callable[[RoadNetwork, RoadNetwork], None]:
+def same_road_fixture():
     return same_road
 
 
 @pytest.fixture
-def human_table() -> Demonstrations:
+def human_table():
     """Two episodes of a recorded driver."""
     observation = np.random.default_rng(0).uniform(-1, 1, (5, 14)).astype(np.float32)
     return Demonstrations.of(

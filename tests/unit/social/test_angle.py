@@ -29,24 +29,24 @@ degrees = st.floats(-720, 720)
 
 
 @pytest.mark.parametrize("angle", [0.0, 45.0, 359.999])
-def test_an_angle_in_range_is_returned(angle: float) -> None:
+def test_an_angle_in_range_is_returned(angle):
     assert check_angle(angle) == angle
 
 
 @pytest.mark.parametrize("angle", [-0.001, 360.0, 405.0, math.nan, math.inf, -math.inf])
-def test_an_angle_out_of_range_is_refused(angle: float) -> None:
+def test_an_angle_out_of_range_is_refused(angle):
     with pytest.raises(UserError, match=r"outside \[0, 360\)"):
         check_angle(angle)
 
 
-def test_weights_by_hand() -> None:
+def test_weights_by_hand():
     assert weights(0.0) == (1.0, 0.0)
     assert weights(30.0) == pytest.approx((0.8660254037844387, 0.5), abs=1e-15)
     assert weights(45.0) == pytest.approx((0.7071067811865476, 0.7071067811865476), abs=1e-15)
     assert weights(225.0) == pytest.approx((-0.7071067811865476, -0.7071067811865476), abs=1e-15)
 
 
-def test_weights_keep_the_residue_of_the_thesis_at_90_degrees() -> None:
+def test_weights_keep_the_residue_of_the_thesis_at_90_degrees():
     assert weights(90.0) == (6.123233995736766e-17, 1.0)
 
 
@@ -54,14 +54,12 @@ def test_weights_keep_the_residue_of_the_thesis_at_90_degrees() -> None:
     ("angle", "expected"),
     [(0.0, (1.0, 0.0)), (90.0, (0.0, 1.0)), (180.0, (-1.0, 0.0)), (270.0, (0.0, -1.0))],
 )
-def test_exact_weights_are_exact_at_right_angles(
-    angle: float, expected: tuple[float, float]
-) -> None:
+def test_exact_weights_are_exact_at_right_angles(angle, expected):
     assert exact_weights(angle) == expected
 
 
 @pytest.mark.parametrize("angle", [1e-9, 30.0, 89.999, 90.001, 123.4])
-def test_exact_weights_are_the_weights_elsewhere(angle: float) -> None:
+def test_exact_weights_are_the_weights_elsewhere(angle):
     assert exact_weights(angle) == weights(angle)
 
 
@@ -76,17 +74,17 @@ def test_exact_weights_are_the_weights_elsewhere(angle: float) -> None:
         (-math.sqrt(3.0), 1.0, 150.0),
     ],
 )
-def test_angle_of_by_hand(env: float, social: float, expected: float) -> None:
+def test_angle_of_by_hand(env, social, expected):
     assert angle_of(env, social) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("social", [-0.0, -1e-300])
-def test_angle_of_never_gives_minus_180(social: float) -> None:
+def test_angle_of_never_gives_minus_180(social):
     assert angle_of(-1.0, social) == 180.0
 
 
 @given(st.floats(0, 359.99), st.floats(1e-3, 1e3))
-def test_angle_of_undoes_weights_at_any_length(angle: float, length: float) -> None:
+def test_angle_of_undoes_weights_at_any_length(angle, length):
     env, social = weights(angle)
     found = angle_of(length * env, length * social)
     assert -180.0 < found <= 180.0
@@ -97,13 +95,13 @@ def test_angle_of_undoes_weights_at_any_length(angle: float, length: float) -> N
     ("a", "b", "expected"),
     [(10.0, 350.0, 20.0), (350.0, 10.0, -20.0), (-170.0, 170.0, 20.0), (180.0, 0.0, -180.0)],
 )
-def test_angle_difference_by_hand(a: float, b: float, expected: float) -> None:
+def test_angle_difference_by_hand(a, b, expected):
     assert angle_difference(a, b) == expected
 
 
 @given(degrees, degrees)
 @example(float(np.nextafter(-180.0, -np.inf)), 0.0)
-def test_angle_difference_is_wrapped_and_keeps_the_direction(a: float, b: float) -> None:
+def test_angle_difference_is_wrapped_and_keeps_the_direction(a, b):
     difference = angle_difference(a, b)
     assert -180.0 <= difference < 180.0
     turns = (a - b - difference) / 360.0
@@ -122,12 +120,12 @@ def test_angle_difference_is_wrapped_and_keeps_the_direction(a: float, b: float)
         (270.0, 4.0),
     ],
 )
-def test_equation_4_3_by_hand(angle: float, expected: float) -> None:
+def test_equation_4_3_by_hand(angle, expected):
     rewards = RewardPair(env=2.0, social=-4.0)
     assert score(exact_weights(angle), rewards) == pytest.approx(expected, abs=1e-14)
 
 
-def test_equation_4_3_of_columns() -> None:
+def test_equation_4_3_of_columns():
     rewards = RewardPair(env=np.array([1.0, 0.0, 3.0]), social=np.array([1.0, 2.0, -3.0]))
     root = np.sqrt(0.5)
     np.testing.assert_allclose(score(weights(45.0), rewards), [2 * root, 2 * root, 0.0], atol=1e-15)
@@ -140,18 +138,18 @@ def sample(direction: float, episodes: int, spread: float, seed: int) -> np.ndar
     return mean[:, None] + spread * rng.standard_normal((2, episodes))
 
 
-def test_it_is_the_angle_of_the_means_not_the_mean_of_angles() -> None:
+def test_it_is_the_angle_of_the_means_not_the_mean_of_angles():
     found = estimate_angle(np.array([10.0, 0.0]), np.array([0.0, 1.0]), seed=0)
     assert (found.env, found.social) == (5.0, 0.5)
     assert found.angle == pytest.approx(5.710593137499643)  # atan(0.1); the mean would be 45
 
 
-def test_one_episode_has_no_spread() -> None:
+def test_one_episode_has_no_spread():
     found = estimate_angle(np.array([-1.0]), np.array([1.0]), seed=3)
     assert found == AngleEstimate(135.0, 135.0, 135.0, -1.0, 1.0)
 
 
-def test_the_seed_decides_the_interval() -> None:
+def test_the_seed_decides_the_interval():
     totals = sample(60.0, 30, 1.0, seed=1)
     first, again, other = (estimate_angle(*totals, seed=seed) for seed in (5, 5, 6))
     assert first == again
@@ -162,7 +160,7 @@ def test_the_seed_decides_the_interval() -> None:
 @pytest.mark.parametrize(
     ("confidence", "low", "high"), [(0.9, 0.0, 90.0), (0.6, 0.0, 90.0), (0.4, 45.0, 45.0)]
 )
-def test_the_interval_of_two_episodes_by_hand(confidence: float, low: float, high: float) -> None:
+def test_the_interval_of_two_episodes_by_hand(confidence, low, high):
     # Four equally likely resamples: both (1, 0), one of each (twice), both (0, 1). A quarter of
     # the angles are 0, half 45 and a quarter 90.
     found = estimate_angle(
@@ -171,7 +169,7 @@ def test_the_interval_of_two_episodes_by_hand(confidence: float, low: float, hig
     assert found[:3] == pytest.approx((45.0, low, high))
 
 
-def test_the_pair_stays_together_in_a_resample() -> None:
+def test_the_pair_stays_together_in_a_resample():
     env = np.array([1.0, 2.0, 30.0])
     found = estimate_angle(env, 2.0 * env, seed=0)
     assert found.low == pytest.approx(found.angle, abs=1e-9)
@@ -179,7 +177,7 @@ def test_the_pair_stays_together_in_a_resample() -> None:
 
 
 @pytest.mark.parametrize("direction", [180.0, 179.0, -179.0])
-def test_the_interval_wraps_at_180_degrees(direction: float) -> None:
+def test_the_interval_wraps_at_180_degrees(direction):
     found = estimate_angle(*sample(direction, 200, 0.5, seed=2), seed=0)
     assert abs(angle_difference(found.angle, direction)) < 10.0
     assert found.angle - 10.0 < found.low < found.angle < found.high < found.angle + 10.0
@@ -187,7 +185,7 @@ def test_the_interval_wraps_at_180_degrees(direction: float) -> None:
 
 
 @pytest.mark.parametrize("quarter_turns", [1, 2, 3])
-def test_turning_the_totals_turns_the_estimate(quarter_turns: int) -> None:
+def test_turning_the_totals_turns_the_estimate(quarter_turns):
     env, social = sample(20.0, 25, 0.7, seed=4)
     found = estimate_angle(env, social, seed=9)
     for _ in range(quarter_turns):
@@ -200,14 +198,14 @@ def test_turning_the_totals_turns_the_estimate(quarter_turns: int) -> None:
     assert turned.high - turned.angle == pytest.approx(found.high - found.angle, abs=1e-9)
 
 
-def test_higher_confidence_gives_a_wider_interval() -> None:
+def test_higher_confidence_gives_a_wider_interval():
     totals = sample(60.0, 30, 1.0, seed=1)
     narrow, wide = (estimate_angle(*totals, seed=5, confidence=c) for c in (0.5, 0.99))
     assert wide.low < narrow.low < narrow.high < wide.high
 
 
 @pytest.mark.parametrize("direction", [30.0, 180.0])
-def test_a_95_percent_interval_covers_the_truth(direction: float) -> None:
+def test_a_95_percent_interval_covers_the_truth(direction):
     # 400 studies of 40 episodes. The binomial standard error is 1.1 %, and a percentile
     # bootstrap of 40 covers a little less than it says: 90 % to 98 % is allowed.
     covered = 0
@@ -222,7 +220,7 @@ def test_a_95_percent_interval_covers_the_truth(direction: float) -> None:
     ("env", "social"),
     [([], []), ([1.0, np.nan], [0.0, 0.0]), ([1.0, 0.0], [np.inf, 0.0])],
 )
-def test_nothing_and_not_finite_are_refused(env: list[float], social: list[float]) -> None:
+def test_nothing_and_not_finite_are_refused(env, social):
     with pytest.raises(UserError, match="at least one episode, and finite reward totals"):
         estimate_angle(np.array(env), np.array(social), seed=0)
 
@@ -230,9 +228,7 @@ def test_nothing_and_not_finite_are_refused(env: list[float], social: list[float
 # A resample for each block, uneven blocks, and all at once.
 @pytest.mark.parametrize("block", [1, 100, 10**9])
 @pytest.mark.parametrize("episodes", [1, 2, 13, 64, 97])
-def test_resamples_do_not_depend_on_where_the_blocks_are_cut(
-    block: int, episodes: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resamples_do_not_depend_on_where_the_blocks_are_cut(block, episodes, monkeypatch):
     monkeypatch.setattr(bootstrap, "_BLOCK", block)
     whole = np.random.default_rng(3).integers(episodes, size=(29, episodes))
     np.testing.assert_array_equal(np.concatenate(list(resample_rows(episodes, 29, 3))), whole)
@@ -245,7 +241,7 @@ def test_resamples_do_not_depend_on_where_the_blocks_are_cut(
     assert (found.low, found.high) == (low, high)  # to the last bit
 
 
-def test_many_episodes_are_resampled_in_little_memory() -> None:
+def test_many_episodes_are_resampled_in_little_memory():
     totals = sample(50.0, 10_000, 1.0, seed=0)
     tracemalloc.start()
     estimate_angle(*totals, seed=0, resamples=300)

@@ -1,5 +1,4 @@
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +33,7 @@ def read(text: str) -> AngleRule:
     return AngleRule.of(tomllib.loads(text))
 
 
-def test_the_first_case_that_holds_gives_the_angle() -> None:
+def test_the_first_case_that_holds_gives_the_angle():
     rule = read(RULE)
     assert rule.context(FEATURES, 5).tolist() == [0, 1, 1, 1, 2]
     assert rule.degrees(FEATURES, 5).tolist() == [75.0, 40.0, 60.0, 20.0, 20.0]
@@ -43,14 +42,14 @@ def test_the_first_case_that_holds_gives_the_angle() -> None:
     assert rule.contexts[1:] == ("crossing = 1", "otherwise")
 
 
-def test_a_rule_is_read_as_it_is_written() -> None:
+def test_a_rule_is_read_as_it_is_written():
     rule = read(RULE)
     assert AngleRule.of(rule.as_json()) == rule
     assert read(rule.as_toml()) == rule
     assert AngleRule.of(tomllib.loads(rule.as_toml("angle_rule"))["angle_rule"]) == rule
 
 
-def test_a_constant_is_a_rule_without_cases() -> None:
+def test_a_constant_is_a_rule_without_cases():
     rule = AngleRule("crossing5", 30.0)
     assert rule.degrees({}, 3).tolist() == [30.0] * 3
     assert rule.contexts == ("always",)
@@ -77,9 +76,7 @@ def test_a_constant_is_a_rule_without_cases() -> None:
         ("world =", "place =", "unknown field place"),
     ],
 )
-def test_a_bad_rule_is_refused_in_one_line(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
+def test_a_bad_rule_is_refused_in_one_line(tmp_path, old, new, message):
     path = tmp_path / "rule.toml"
     path.write_text(RULE.replace(old, new))
     with pytest.raises(UserError, match=message) as caught:
@@ -87,7 +84,7 @@ def test_a_bad_rule_is_refused_in_one_line(
     assert "\n" not in str(caught.value) and str(path) in str(caught.value)
 
 
-def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_no_text_is_refused(tmp_path):
     path = tmp_path / "rule.toml"
     for content in (b"\xff\xfe", b"a = [", b"x" * 20_000):
         path.write_bytes(content)
@@ -95,7 +92,7 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
             load_rule(path)
 
 
-def test_an_interpolated_angle_is_constant_beyond_its_points() -> None:
+def test_an_interpolated_angle_is_constant_beyond_its_points():
     rule = AngleRule("crossing7", Interpolated("vehicles", (0.0, 2.0), (0.0, 60.0)))
     values = np.array([-1.0, 0.5, 2.0, 7.0])
     assert rule.degrees({"vehicles": values}, 4).tolist() == [0.0, 15.0, 60.0, 60.0]

@@ -9,14 +9,14 @@ from socialiq.social.dial import mixed_angle, mixture, setting
 CORNERS = np.array([[2.0, 0.0], [0.0, 2.0]])
 
 
-def test_halfway_between_two_policies() -> None:
+def test_halfway_between_two_policies():
     found = setting(CORNERS, 45.0)
     assert {found.first, found.second} == {0, 1}
     assert found.share == pytest.approx(0.5)
     assert found.radius == pytest.approx(2**0.5)
 
 
-def test_a_third_of_the_way() -> None:
+def test_a_third_of_the_way():
     """(1 - p) (2, 0) + p (0, 2) lies at atan(1/2) for p = 1/3."""
     angle = float(np.degrees(np.arctan2(1.0, 2.0)))
     found = setting(CORNERS, angle)
@@ -25,20 +25,20 @@ def test_a_third_of_the_way() -> None:
     assert found.radius == pytest.approx(np.hypot(4 / 3, 2 / 3))
 
 
-def test_of_mixtures_at_one_angle_the_longest_is_taken() -> None:
+def test_of_mixtures_at_one_angle_the_longest_is_taken():
     points = np.array([[1.0, 0.0], [0.0, 1.0], [3.0, 0.0], [0.0, 3.0]])
     found = setting(points, 45.0)
     assert {found.first, found.second} == {2, 3}
 
 
-def test_a_policy_that_has_the_angle_by_itself_may_be_taken_alone() -> None:
+def test_a_policy_that_has_the_angle_by_itself_may_be_taken_alone():
     found = setting(np.array([[1.0, 1.0], [0.5, 0.0], [0.0, 0.5]]), 45.0)
     np.testing.assert_allclose(mixture(np.array([[1.0, 1.0], [0.5, 0], [0, 0.5]]), found), [1, 1])
     assert found.radius == pytest.approx(2**0.5)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_no_mixture_of_any_number_is_longer(seed: int) -> None:
+def test_no_mixture_of_any_number_is_longer(seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(6, 2)) + 0.5
     from scipy.spatial import ConvexHull
@@ -57,12 +57,12 @@ def test_no_mixture_of_any_number_is_longer(seed: int) -> None:
             assert angle_of(*mixture(points, found)) == pytest.approx(angle, abs=1e-6)
 
 
-def test_an_angle_out_of_reach_is_said() -> None:
+def test_an_angle_out_of_reach_is_said():
     with pytest.raises(UserError, match="no mixture of these policies lies at 180 degrees"):
         setting(CORNERS, 180.0)
 
 
-def test_the_interval_of_a_mixture_covers_as_it_says() -> None:
+def test_the_interval_of_a_mixture_covers_as_it_says():
     """Of 200 intervals of 90 %, 180 are expected to hold the true angle; 3 sd are 12.7."""
     rng = np.random.default_rng(0)
     inside = 0
@@ -74,6 +74,6 @@ def test_the_interval_of_a_mixture_covers_as_it_says() -> None:
     assert 167 <= inside <= 193
 
 
-def test_a_mixture_without_episodes_has_no_angle() -> None:
+def test_a_mixture_without_episodes_has_no_angle():
     with pytest.raises(UserError, match="at least one episode"):
         mixed_angle(np.ones((1, 2)), np.ones((0, 2)), 0.5, 0)

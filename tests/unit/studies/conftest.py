@@ -1,10 +1,6 @@
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 from tests.digest.studies import run_here
 
-from socialiq.results_folder import Results
 from socialiq_lab import study
 from socialiq_lab.engine import Engine
 
@@ -20,20 +16,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(name="work", scope="module")
-def work_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def work_folder(tmp_path_factory):
     """Folder of the jobs of `results`."""
     return tmp_path_factory.mktemp("study") / "work"
 
 
 @pytest.fixture(name="results", scope="module")
-def tiny_results(request: pytest.FixtureRequest, work: Path) -> Results:
+def tiny_results(request, work):
     """Results of the module's STUDY with its configuration TINY."""
     module = request.module
     return study.run(module.STUDY, module.TINY, work=work, engine=Engine(processes=1))
 
 
 @pytest.fixture(autouse=True, scope="package")
-def without_processes() -> Iterator[None]:
+def without_processes():
     """Run the jobs in this process; `tests/unit/lab` tests the processes themselves."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "run_jobs", run_here)

@@ -50,7 +50,7 @@ TINY = Config(
 
 
 @pytest.fixture(name="arena", scope="module")
-def five_by_five() -> Arena:
+def five_by_five():
     ground = Ground.of("crossing5")
     return Arena(
         presets.TABLE_C1,
@@ -73,7 +73,7 @@ QUICK = ("clone", "cql", "outcome_conditioned")
         if not method.peer
     ],
 )
-def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> None:
+def test_every_learner_trains_a_policy_for_each_run(arena, name):
     method, ground = METHODS[name], Ground.of("crossing5")
     before = len(arena.rates)
     runs = [
@@ -87,7 +87,7 @@ def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> 
         np.testing.assert_allclose(table.sum(axis=1), 1.0)
 
 
-def test_every_method_has_as_many_settings_and_a_learner() -> None:
+def test_every_method_has_as_many_settings_and_a_learner():
     ours = [method for method in METHODS.values() if not method.peer]
     assert {method.learner for method in ours} == {*LEARNERS}
     for method in METHODS.values():
@@ -96,7 +96,7 @@ def test_every_method_has_as_many_settings_and_a_learner() -> None:
         assert method.setting_of(setting_name(method.settings[2])) == method.settings[2]
 
 
-def test_seven_angles_have_the_same_updates_for_every_method() -> None:
+def test_seven_angles_have_the_same_updates_for_every_method():
     for method in METHODS.values():
         networks = len(method.served(ANGLES))
         whole = updates_of(method, 2_100) * networks
@@ -105,7 +105,7 @@ def test_seven_angles_have_the_same_updates_for_every_method() -> None:
         assert sorted(served) == list(ANGLES)
 
 
-def test_of_a_mode_a_network_sees_only_its_episodes(arena: Arena) -> None:
+def test_of_a_mode_a_network_sees_only_its_episodes(arena):
     of_modes, placed = arena.of_each_mode([Run(75.0, 0, 1, ()), Run(0.0, 0, 0, ())])
     datasets = of_modes.datasets
     assert len(datasets) == len(MODES) * 2
@@ -114,7 +114,7 @@ def test_of_a_mode_a_network_sees_only_its_episodes(arena: Arena) -> None:
         assert [name for name, (episodes, _) in counts.items() if episodes] == [mode]
 
 
-def test_the_setting_with_the_greatest_mean_value_is_chosen() -> None:
+def test_the_setting_with_the_greatest_mean_value_is_chosen():
     rows = [
         {"world": "w", "method": "m", "setting": name, "readout": readout, "value": value}
         for name, readout, value in [
@@ -128,11 +128,11 @@ def test_the_setting_with_the_greatest_mean_value_is_chosen() -> None:
     assert study.choose(rows) == {("w", "m"): "b"}
 
 
-def test_no_table_of_the_digest_differs(results, work) -> None:
+def test_no_table_of_the_digest_differs(results, work):
     assert differs("compare-methods", results, work) == []
 
 
-def test_results_are_over_seeds_and_angles(results, tmp_path: Path) -> None:
+def test_results_are_over_seeds_and_angles(results, tmp_path):
     rows = results.tables["policies"]
     for name in TINY.methods:
         own = [row for row in rows if (row["method"], row["readout"]) == (name, "greedy")]
@@ -151,7 +151,7 @@ def test_results_are_over_seeds_and_angles(results, tmp_path: Path) -> None:
     assert (tmp_path / "found" / "crossing5.png").is_file()
 
 
-def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
+def test_jobs_of_the_whole_comparison_have_names_of_their_own():
     config = Config(worlds=("crossing5", "crossing7", "intersection"))
     jobs = study.jobs(config)
     assert len(fingerprints(jobs)) == len(jobs)
@@ -170,7 +170,7 @@ def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
     assert [job.inputs for job in drives] == [(trains.name,)] * len(config.seeds)
 
 
-def test_environments_are_made_only_where_a_method_needs_them() -> None:
+def test_environments_are_made_only_where_a_method_needs_them():
     def environments(**changes) -> list[str]:
         names = [job.name for job in study.jobs(Config(**changes))]
         return [name for name in names if name.startswith("environments/")]
@@ -181,7 +181,7 @@ def test_environments_are_made_only_where_a_method_needs_them() -> None:
 
 
 @pytest.mark.slow
-def test_the_intersection_has_values_beside_its_demonstrators(tmp_path: Path) -> None:
+def test_the_intersection_has_values_beside_its_demonstrators(tmp_path):
     """A clone of all, which is one policy at every angle, and a method that acts."""
     config = Config(
         worlds=("intersection",),
@@ -214,7 +214,7 @@ def test_the_intersection_has_values_beside_its_demonstrators(tmp_path: Path) ->
     assert set(STUDY.figures(found)) == {"intersection"}
 
 
-def test_settings_are_chosen_on_other_episodes_than_those_of_the_table() -> None:
+def test_settings_are_chosen_on_other_episodes_than_those_of_the_table():
     config = Config(worlds=("intersection",), methods=("clone",))
     chosen = {("intersection", "clone"): setting_name(METHODS["clone"].settings[0])}
     seeds = [
@@ -241,7 +241,7 @@ np.savez(folder / "policies.npz", updates_per_second=7.0, **made)
 """
 
 
-def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypatch) -> None:
+def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypatch):
     """A script that takes action 0 for the first data set and 1 for the second."""
     (tmp_path / "imitation_peer.py").write_text(SCRIPT)
     monkeypatch.setattr(learners, "scripts", lambda: tmp_path)
@@ -262,7 +262,7 @@ def test_files_are_exchanged_with_another_interpreter(arena, tmp_path, monkeypat
     assert {row["target_angle"] for row in rows} == {0.0, 15.0}
 
 
-def test_a_peer_that_fails_is_told_in_one_line(arena, tmp_path, monkeypatch) -> None:
+def test_a_peer_that_fails_is_told_in_one_line(arena, tmp_path, monkeypatch):
     (tmp_path / "imitation_peer.py").write_text("raise ValueError('no such thing')")
     monkeypatch.setattr(learners, "scripts", lambda: tmp_path)
     monkeypatch.setattr(learners, "PYTHON", Path(sys.executable))
@@ -274,12 +274,12 @@ def test_a_peer_that_fails_is_told_in_one_line(arena, tmp_path, monkeypatch) -> 
 
 
 @pytest.mark.parametrize("wrong", [np.ones((3, 2)), -np.ones((15, 2)), np.full((15, 2), np.nan)])
-def test_a_table_of_a_peer_that_is_no_policy_is_refused(wrong) -> None:
+def test_a_table_of_a_peer_that_is_no_policy_is_refused(wrong):
     with pytest.raises(UserError, match="must be"):
         learners.checked(wrong, Ground.of("crossing5"))
 
 
-def test_the_world_of_a_peer_is_ours() -> None:
+def test_the_world_of_a_peer_is_ours():
     """Its environment draws the same outcomes: probabilities, endings and rewards are the MDP's."""
     ground = Ground.of("crossing7")
     given = learners.world_arrays(ground)
@@ -289,7 +289,7 @@ def test_the_world_of_a_peer_is_ours() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0])
-def test_the_environment_of_a_peer_gives_the_exact_totals(angle: float, monkeypatch) -> None:
+def test_the_environment_of_a_peer_gives_the_exact_totals(angle, monkeypatch):
     """In the 5x5 world nothing is left to chance."""
     monkeypatch.syspath_prepend(str(learners.scripts()))
     tabular_env = importlib.import_module("tabular_env")
@@ -306,7 +306,7 @@ def test_the_environment_of_a_peer_gives_the_exact_totals(angle: float, monkeypa
     assert env.time == exact.length
 
 
-def test_environments_have_pins() -> None:
+def test_environments_have_pins():
     for library in {method.peer for method in METHODS.values() if method.peer}:
         job = learners.environment_job(library)
         pins = job.config.pins.splitlines()
@@ -328,12 +328,12 @@ def test_environments_have_pins() -> None:
         ({"intersection_updates": 0}, "intersection_updates"),
     ],
 )
-def test_wrong_configurations_are_refused(change, mend) -> None:
+def test_wrong_configurations_are_refused(change, mend):
     with pytest.raises(UserError, match=mend):
         study.jobs(Config(**change))
 
 
-def test_the_best_third_is_that_of_the_angle(arena: Arena) -> None:
+def test_the_best_third_is_that_of_the_angle(arena):
     data = arena.datasets[0]
     egoistic, altruistic = (best_episodes(data, angle) for angle in (0.0, 90.0))
     for best, rest_total in ((egoistic, 0), (altruistic, 1)):
@@ -343,7 +343,7 @@ def test_the_best_third_is_that_of_the_angle(arena: Arena) -> None:
         assert chosen.min() == cut and len(chosen) == (totals >= cut).sum()
 
 
-def test_each_training_seed_is_judged_on_episodes_of_its_own() -> None:
+def test_each_training_seed_is_judged_on_episodes_of_its_own():
     config = Config(worlds=("intersection",), methods=("clone",), seeds=(300, 301), episodes=10)
     chosen = {("intersection", "clone"): setting_name(METHODS["clone"].settings[0])}
     jobs = study.phase_jobs(config, "fresh", chosen)
@@ -353,5 +353,5 @@ def test_each_training_seed_is_judged_on_episodes_of_its_own() -> None:
     assert set(reference.seeds) == {*seeds[0], *seeds[1]}
 
 
-def test_a_grid_is_all_combinations() -> None:
+def test_a_grid_is_all_combinations():
     assert product(a=(1.0, 2.0), b=(3.0,)) == ((("a", 1.0), ("b", 3.0)), (("a", 2.0), ("b", 3.0)))

@@ -35,7 +35,7 @@ TINY = Config(
 
 
 @pytest.fixture(name="arena", scope="module")
-def five_by_five() -> Arena:
+def five_by_five():
     ground = Ground.of("crossing5")
     datasets = trajectory_datasets(ground.table, (0, 1), 2)
     return Arena(
@@ -62,7 +62,7 @@ QUICK = ("clone", "cql")
         for name in ("advantage", "dial", "clone", "clone_of_mode", "clone_weighted", "cql", "rl")
     ],
 )
-def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> None:
+def test_every_learner_trains_a_policy_for_each_run(arena, name):
     method, ground = METHODS[name], Ground.of("crossing5")
     runs = [run_at(0.0, 1.0), run_at(90.0, 3.0, 1)]
     policies = study.train(arena, method, runs)
@@ -77,7 +77,7 @@ def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> 
         assert policy.provenance["numbers"]["learning_rate"] == arena.numbers.learning_rate
 
 
-def test_rows_of_a_table_have_distinct_names_and_learners() -> None:
+def test_rows_of_a_table_have_distinct_names_and_learners():
     assert len(METHODS) == len({method.label for method in METHODS.values()})
     assert {method.learner for method in METHODS.values()} == set(LEARNERS)
 
@@ -86,11 +86,11 @@ def test_rows_of_a_table_have_distinct_names_and_learners() -> None:
     ("angle", "mode"),
     [(0.0, "egoistic"), (22.5, "egoistic"), (30.0, "prosocial"), (75.0, "altruistic")],
 )
-def test_the_nearest_mode(angle: float, mode: str) -> None:
+def test_the_nearest_mode(angle, mode):
     assert nearest_mode(angle) == mode
 
 
-def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
+def test_the_share_of_the_data_that_counts(arena):
     """Of the transitions GGGG, WGGGG, WWWWGGGG of each set the egoist has 4 of 17."""
     shares = {
         name: effective_share(arena, METHODS[name], run_at(0.0, 1.0))
@@ -105,7 +105,7 @@ def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
         assert mild == pytest.approx(1.0, abs=1e-4)
 
 
-def test_the_strength_with_the_greatest_mean_value_is_chosen() -> None:
+def test_the_strength_with_the_greatest_mean_value_is_chosen():
     rows = [
         {"world": "w", "method": "m", "strength": strength, "value": value}
         for strength, value in [(1.0, 3.0), (1.0, 1.0), (3.0, 2.0), (3.0, 2.5), (10.0, 2.25)]
@@ -116,7 +116,7 @@ def test_the_strength_with_the_greatest_mean_value_is_chosen() -> None:
     assert choose([], "strength") == {}
 
 
-def test_every_policy_has_a_row_for_each_angle_and_readout(results) -> None:
+def test_every_policy_has_a_row_for_each_angle_and_readout(results):
     rows = results.tables["policies"]
     for name, readouts in (("none", 2), ("clone_of_mode", 2), ("clone_weighted", 2), ("rl", 1)):
         own = [row for row in rows if row["method"] == name]
@@ -127,14 +127,14 @@ def test_every_policy_has_a_row_for_each_angle_and_readout(results) -> None:
     assert {r["strength"] for r in rows if r["method"] == "clone_weighted"} == {*chosen.values()}
 
 
-def test_a_method_that_does_not_know_the_angle_is_one_policy(results) -> None:
+def test_a_method_that_does_not_know_the_angle_is_one_policy(results):
     own = [r for r in results.tables["policies"] if (r["method"], r["seed"]) == ("none", 10)]
     for readout in ("greedy", "soft"):
         totals = {(r["r_env"], r["r_social"]) for r in own if r["readout"] == readout}
         assert len(totals) == 1
 
 
-def test_means_and_ranges_are_over_seeds(results) -> None:
+def test_means_and_ranges_are_over_seeds(results):
     for row in results.tables["pooled"]:
         own = [
             one["regret"]
@@ -146,7 +146,7 @@ def test_means_and_ranges_are_over_seeds(results) -> None:
         assert (row["regret_low"], row["regret_high"]) == (min(own), max(own))
 
 
-def test_demonstrators_are_optimal_at_their_own_angles(results) -> None:
+def test_demonstrators_are_optimal_at_their_own_angles(results):
     rows = {row["target_angle"]: row for row in results.tables["references"]}
     assert rows[0.0]["egoistic"] == rows[90.0]["altruistic"] == 0.0
     assert rows[90.0]["egoistic"] == 10.0
@@ -154,7 +154,7 @@ def test_demonstrators_are_optimal_at_their_own_angles(results) -> None:
         assert row["value_iteration"] <= min(row[mode] for mode in MODES)
 
 
-def test_the_overall_table_is_over_angles(results) -> None:
+def test_the_overall_table_is_over_angles(results):
     for row in results.tables["overall"]:
         own = [
             one["regret"]
@@ -166,7 +166,7 @@ def test_the_overall_table_is_over_angles(results) -> None:
         assert row["worst_regret"] == max(own)
 
 
-def test_angle_errors_are_ranked_against_regrets() -> None:
+def test_angle_errors_are_ranked_against_regrets():
     """Three policies whose errors rank as their regrets, and three the other way round."""
 
     def row(world: str, angle: float, regret: float) -> dict:
@@ -185,13 +185,13 @@ def test_angle_errors_are_ranked_against_regrets() -> None:
     assert counted["groups"] == 2 and counted["least_error_has_least_regret"] == 1
 
 
-def test_a_second_call_does_nothing_and_gives_the_same(results, work) -> None:
+def test_a_second_call_does_nothing_and_gives_the_same(results, work):
     before = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
     assert run(STUDY, TINY, work=work).summary == results.summary
     assert {path: path.stat().st_mtime_ns for path in work.rglob("job.json")} == before
 
 
-def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
+def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     store.save(results, tmp_path / "out", {}, replace=False)
     read = store.load(tmp_path / "out")
     assert read.summary == results.summary
@@ -209,6 +209,6 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
         ({"seeds": (3,)}, "can't be a seed of the table"),
     ],
 )
-def test_a_wrong_configuration_is_refused(changed, line) -> None:
+def test_a_wrong_configuration_is_refused(changed, line):
     with pytest.raises(UserError, match=line):
         study.jobs(Config(**changed))

@@ -25,7 +25,7 @@ def planted_zone(features: np.ndarray, options: dict[str, str]) -> np.ndarray:
 @pytest.mark.parametrize(
     "options", [{}, {"conflict": "end_cell"}, {"braking": "one_level"}], ids=str
 )
-def test_a_choice_moves_whom_the_rules_say(options: dict[str, str]) -> None:
+def test_a_choice_moves_whom_the_rules_say(options):
     """In crossing7 a vehicle that would enter the conflict cell brakes for the ego."""
     features, is_moved = moved.grid_vehicles(tabulate(make_grid("crossing7", **options)))
     np.testing.assert_array_equal(is_moved, planted_zone(features, options))
@@ -34,7 +34,7 @@ def test_a_choice_moves_whom_the_rules_say(options: dict[str, str]) -> None:
 @pytest.mark.parametrize(
     "name", ["intersection-caused", pytest.param("merge-caused", marks=pytest.mark.slow)]
 )
-def test_the_zone_by_hand_is_that_of_the_reward(name: str) -> None:
+def test_the_zone_by_hand_is_that_of_the_reward(name):
     """Eq 4.2 credits (1 - v/v_max) for each vehicle that the zone of the next decision has."""
     world, episodes = open_world(name), 30
     credited = np.full(episodes, np.nan)
@@ -51,7 +51,7 @@ def test_the_zone_by_hand_is_that_of_the_reward(name: str) -> None:
     assert compared > 20
 
 
-def test_who_is_far_away_is_not_moved() -> None:
+def test_who_is_far_away_is_not_moved():
     driven = list(moved.decisions(open_world("intersection-caused"), at_random(0), np.arange(30)))
     distance = np.concatenate([decision.features[:, 2] for decision in driven])
     metres = np.concatenate([decision.metres for decision in driven])
@@ -61,7 +61,7 @@ def test_who_is_far_away_is_not_moved() -> None:
     assert (spread[distance < 20.0] > moved.MOVED).mean() > 0.2
 
 
-def test_fear_is_the_share_of_actions_that_a_choice_takes() -> None:
+def test_fear_is_the_share_of_actions_that_a_choice_takes():
     """An ego that keeps its speed takes none; one that drives into a vehicle's way takes some."""
     ego, other = np.zeros(1, VEHICLE), np.zeros(1, VEHICLE)
     ego["speed"] = other["speed"] = 4.0

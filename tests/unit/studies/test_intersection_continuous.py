@@ -22,7 +22,7 @@ PLAIN = STUDY.Config()
 TINY = changed(PLAIN, CONTENT["tiny"])
 
 
-def test_both_dials_have_one_budget() -> None:
+def test_both_dials_have_one_budget():
     ours, theirs = PLAIN.continuous, PLAIN.discrete
     assert (ours.updates, ours.hidden, ours.view) == (theirs.updates, theirs.hidden, theirs.view)
     assert (ours.batch_size, ours.replay_capacity) == (theirs.replay_batch, theirs.replay_capacity)
@@ -33,7 +33,7 @@ def test_both_dials_have_one_budget() -> None:
         STUDY.Config(seeds=())
 
 
-def test_the_main_table_has_means_over_seeds_in_percent() -> None:
+def test_the_main_table_has_means_over_seeds_in_percent():
     row: dict[str, Any] = dict.fromkeys(METRICS, 0.5)
     experts = [{"name": "expert egoistic", "seed": 1, **row, "collision": 0.1}]
     learners = [{"name": "egoistic", "seed": n, **row, "collision": n / 10} for n in (2, 4)]
@@ -48,11 +48,11 @@ def test_the_main_table_has_means_over_seeds_in_percent() -> None:
     assert len(found) == 3 * len(METRICS)
 
 
-def test_no_table_of_the_digest_differs(results, work) -> None:
+def test_no_table_of_the_digest_differs(results, work):
     assert differs(STUDY.name, results, work) == []
 
 
-def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:
+def test_a_tiny_study_has_every_table_and_picture(results, tmp_path):
     tables = results.tables
     policies = {row["policy"] for row in tables["main"]}
     others = ("longer IQ-Learn", "weighted cloning", "TD3+BC")

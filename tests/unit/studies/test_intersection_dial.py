@@ -47,11 +47,11 @@ TINY = Config(
 )
 
 
-def test_no_table_of_the_digest_differs(results, work) -> None:
+def test_no_table_of_the_digest_differs(results, work):
     assert differs("intersection-dial", results, work) == []
 
 
-def test_every_policy_is_driven_and_valued_at_its_angle(results) -> None:
+def test_every_policy_is_driven_and_valued_at_its_angle(results):
     rows = results.tables["policies"]
     assert len(rows) == 2 * (3 + 2)
     for row in rows:
@@ -72,7 +72,7 @@ def test_at_every_angle_somebody_has_no_regret_or_a_policy_of_another_angle_is_b
         assert least == pytest.approx(max(values) - best, abs=1e-5)
 
 
-def test_families_have_a_row_for_each_seed_and_are_compared_in_pairs(results) -> None:
+def test_families_have_a_row_for_each_seed_and_are_compared_in_pairs(results):
     families = results.tables["families"]
     assert [(row["family"], row["seed"]) for row in families] == [
         (family, seed) for family in ("dial", "agents") for seed in TINY.seeds
@@ -87,7 +87,7 @@ def test_families_have_a_row_for_each_seed_and_are_compared_in_pairs(results) ->
     assert by_measure["hypervolume"]["mean"] == pytest.approx(mean, abs=1e-5)
 
 
-def test_the_dial_of_a_run_turns_and_an_agent_does_not(results, work) -> None:
+def test_the_dial_of_a_run_turns_and_an_agent_does_not(results, work):
     dial = DialPolicy.load(work / "dials" / "0" / "dial.safetensors")
     assert (dial.low, dial.high) == (0.0, 90.0)
     agent = DialPolicy.load(work / "agents" / "90" / "0" / "dial.safetensors")
@@ -96,17 +96,17 @@ def test_the_dial_of_a_run_turns_and_an_agent_does_not(results, work) -> None:
     assert agent.provenance["structure"]["updates"] == TINY.agent_updates
 
 
-def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work) -> None:
+def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work):
     kept = (work / "dials" / "0" / "dial.safetensors").read_bytes()
     assert results.files == {"dial.safetensors": kept}
 
 
-def test_curves_are_of_every_run(results) -> None:
+def test_curves_are_of_every_run(results):
     runs = {row["run"] for row in results.tables["curves"]}
     assert runs == {"dials/0", "dials/1"} | {f"agents/{a}/{s}" for a in (0, 90) for s in (0, 1)}
 
 
-def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
+def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     store.save(results, tmp_path / "out", {}, replace=False)
     read = store.load(tmp_path / "out")
     assert read.summary == results.summary
@@ -114,7 +114,7 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
     assert list(drawn) == ["tradeoff", "regret", "turning", "learning"]
 
 
-def test_environments_divide_the_range_among_them() -> None:
+def test_environments_divide_the_range_among_them():
     rng = np.random.default_rng(0)
     structure = dataclasses.replace(Config().structure, margin=0.0)
     directions = stratified(structure, 9, rng)
@@ -125,7 +125,7 @@ def test_environments_divide_the_range_among_them() -> None:
     np.testing.assert_allclose(fixed.env, np.cos(np.pi / 6), rtol=1e-6)
 
 
-def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
+def test_a_key_angle_at_which_no_dial_is_driven_is_refused():
     with pytest.raises(UserError, match="key angle"):
         dataclasses.replace(TINY, key_angles=(15.0,))
     with pytest.raises(UserError, match="agent_updates"):
@@ -158,7 +158,7 @@ TIMED = dataclasses.replace(
 
 
 @pytest.mark.slow
-def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
+def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path):
     found = run(STUDY, TIMED, work=tmp_path / "work")
     rows = found.tables["policies"]
     asked = {
@@ -194,7 +194,7 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("family", [name for name in FAMILIES if name in ABLATIONS])
-def test_every_ablation_changes_what_it_names(family) -> None:
+def test_every_ablation_changes_what_it_names(family):
     full, one = recipe_of(TIMED, "short"), recipe_of(TIMED, family)
     both = {**vars(one[0]), **vars(one[1])}
     before = {**vars(full[0]), **vars(full[1])}
@@ -204,7 +204,7 @@ def test_every_ablation_changes_what_it_names(family) -> None:
     assert {name: value for name, value in both.items() if value != before[name]} == declared
 
 
-def test_the_best_policies_known_are_no_seers() -> None:
+def test_the_best_policies_known_are_no_seers():
     rows = known_policies()
     names = {row["policy"] for row in rows}
     assert "atlas/egoistic/as_believed/ahead" in names
@@ -213,7 +213,7 @@ def test_the_best_policies_known_are_no_seers() -> None:
     assert 2.3 < max(value_at(row, 90.0) for row in rows) < 2.6
 
 
-def test_families_that_make_no_study_are_refused() -> None:
+def test_families_that_make_no_study_are_refused():
     with pytest.raises(UserError, match="family"):
         Config(families=("other",))
     with pytest.raises(UserError, match="name both families"):

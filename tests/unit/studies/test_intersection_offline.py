@@ -49,7 +49,7 @@ TINY = Config(
 )
 
 
-def test_every_method_has_settings_of_its_own() -> None:
+def test_every_method_has_settings_of_its_own():
     made = [runs_of(TINY, method, (0,)) for method in METHODS]
     assert all(made[i] != made[j] for i in range(len(made)) for j in range(i))
     online = [method for method in METHODS if "online" in method]
@@ -58,11 +58,11 @@ def test_every_method_has_settings_of_its_own() -> None:
         assert getattr(runs.structure, "online", False) == (method in online)
 
 
-def test_no_table_of_the_digest_differs(results, work) -> None:
+def test_no_table_of_the_digest_differs(results, work):
     assert differs("intersection-offline", results, work) == []
 
 
-def test_every_policy_is_valued_at_its_angles(results) -> None:
+def test_every_policy_is_valued_at_its_angles(results):
     rows = results.tables["policies"]
     by_method = {method: [r for r in rows if r["method"] == method] for method in (OWN, *DRIVEN)}
     assert len(by_method[OWN]) == 2 * 3
@@ -75,7 +75,7 @@ def test_every_policy_is_valued_at_its_angles(results) -> None:
         assert row["episodes"] == TINY.episodes
 
 
-def test_a_clone_of_all_is_one_for_every_angle(work, results) -> None:
+def test_a_clone_of_all_is_one_for_every_angle(work, results):
     files = sorted((work / "learners" / "clone-of-all" / "0").glob("*/*/*.safetensors"))
     assert [file.parts[-3:-1] for file in files] == [("0", "0"), ("1", "0")]
     mine = [row for row in results.tables["policies"] if row["method"] == "clone of all"]
@@ -83,7 +83,7 @@ def test_a_clone_of_all_is_one_for_every_angle(work, results) -> None:
     assert first["r_env"] == last["r_env"] and first["asked"] != last["asked"]
 
 
-def test_the_dial_is_compared_with_the_best_demonstrator_and_with_every_method(results) -> None:
+def test_the_dial_is_compared_with_the_best_demonstrator_and_with_every_method(results):
     rows = results.tables["differences"]
     assert len(rows) == 3 + 2 * len(DRIVEN)
     policies = results.tables["policies"]
@@ -98,13 +98,13 @@ def test_the_dial_is_compared_with_the_best_demonstrator_and_with_every_method(r
     assert set(verdicts.values()) <= {"above", "level", "below"}
 
 
-def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work) -> None:
+def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work):
     file = work / "dials" / "0" / "0" / "dial.safetensors"
     assert results.files == {"dial.safetensors": file.read_bytes()}
     assert DialPolicy.load(file).provenance["numbers"]["seed"] == 0
 
 
-def test_iq_learn_is_compared_with_the_weighted_clones(results) -> None:
+def test_iq_learn_is_compared_with_the_weighted_clones(results):
     rows = results.tables["forms"]
     assert len(rows) == 2 * 2 * 2
     policies = {(r["method"], r["asked"]): [] for r in results.tables["policies"]}
@@ -115,7 +115,7 @@ def test_iq_learn_is_compared_with_the_weighted_clones(results) -> None:
         assert row["mean"] == pytest.approx(np.mean(mine) - np.mean(theirs), abs=1e-5)
 
 
-def test_a_loss_is_called_one_without_adjustment() -> None:
+def test_a_loss_is_called_one_without_adjustment():
     def row(mean: float, p: float, p_holm: float) -> str:
         return verdict({"mean": mean, "p": p, "p_holm": p_holm})
 
@@ -123,7 +123,7 @@ def test_a_loss_is_called_one_without_adjustment() -> None:
     assert row(1.0, 0.04, 0.4) == "level" == row(-1.0, 0.06, 0.4)
 
 
-def test_seeds_may_be_trained_apart() -> None:
+def test_seeds_may_be_trained_apart():
     alone = dataclasses.replace(TINY, together=1)
     assert [program_of(TINY, seed) for seed in (0, 1)] == [(0, 1), (0, 1)]
     assert [program_of(alone, seed) for seed in (0, 1)] == [(0,), (1,)]
@@ -131,14 +131,14 @@ def test_seeds_may_be_trained_apart() -> None:
     assert len(set(names)) == len(names) and "dials/1" in names
 
 
-def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
+def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     store.save(results, tmp_path / "out", {}, replace=False)
     read = store.load(tmp_path / "out")
     assert read.summary == results.summary
     assert list(png(STUDY.figures(read))) == ["values"]
 
 
-def test_a_config_without_sense_is_refused() -> None:
+def test_a_config_without_sense_is_refused():
     for change in ({"seeds": ()}, {"methods": ("magic",)}, {"method_angles": (10.0,)}):
         with pytest.raises(UserError):
             dataclasses.replace(TINY, **change)

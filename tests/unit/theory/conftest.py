@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -57,20 +56,20 @@ def random_problem(seed: int, kind: str = "instantaneous", **numbers: Any) -> Pr
 
 
 @pytest.fixture(name="bandit")
-def bandit_fixture() -> Callable[..., Problem]:
+def bandit_fixture():
     return bandit
 
 
 @pytest.fixture(name="random_world")
-def random_world_fixture() -> Callable[..., TabularMDP]:
+def random_world_fixture():
     return random_world
 
 
 @pytest.fixture(name="random_pool")
-def random_pool_fixture() -> Callable[..., list[np.ndarray]]:
+def random_pool_fixture():
     return random_pool
 
 
 @pytest.fixture(name="random_problem")
-def random_problem_fixture() -> Callable[..., Problem]:
+def random_problem_fixture():
     return random_problem

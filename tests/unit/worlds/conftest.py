@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
@@ -24,5 +23,5 @@ def play(table: Table, state: tuple[int, ...], action: int, chance: int = 0) -> 
 
 
 @pytest.fixture(name="play", scope="session")
-def play_fixture() -> Callable[..., Played]:
+def play_fixture():
     return play

@@ -40,7 +40,7 @@ class Still:
         return np.zeros((*np.shape(observation)[:-1], 1), np.float32), state
 
 
-def test_a_terminal_state_is_left_for_one_that_is_never_left() -> None:
+def test_a_terminal_state_is_left_for_one_that_is_never_left():
     env = AbsorbingStates(Falls(), stay=2)
     assert env.observation_space.shape == (3,)
     seen, _ = env.reset(seed=0)
@@ -55,7 +55,7 @@ def test_a_terminal_state_is_left_for_one_that_is_never_left() -> None:
 
 @pytest.mark.parametrize("stands", [False, True])
 @pytest.mark.parametrize("stay", [1, 3])
-def test_demonstrations_are_changed_as_the_environment_is(stands: bool, stay: int) -> None:
+def test_demonstrations_are_changed_as_the_environment_is(stands, stay):
     plain = rollout_env(Falls(stands), Still(), 2, 0).transitions
     wanted = rollout_env(AbsorbingStates(Falls(stands), stay), Still(), 2, 0).transitions
     found = with_absorbing_states(plain, stay)
@@ -65,7 +65,7 @@ def test_demonstrations_are_changed_as_the_environment_is(stands: bool, stay: in
     assert not found.terminated.any()
 
 
-def test_no_step_in_it_is_refused() -> None:
+def test_no_step_in_it_is_refused():
     for make in (
         lambda: AbsorbingStates(Falls(), 0),
         lambda: with_absorbing_states(rollout_env(Falls(), Still(), 1, 0).transitions, 0),

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import jax
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ RULE = AngleRule.of({"format": 1, "world": "crossing7", "default": 10, "when": [
 
 
 @pytest.fixture(name="dial", params=["6 features", "7 features"])
-def some_dial(request: pytest.FixtureRequest) -> DialPolicy:
+def some_dial(request):
     features = int(request.param[0])
     network = DialNetwork.initialise(jax.random.key(1), features, (16,), 3, pairs=True)
     return DialPolicy.of(network, 0.1, 0.0, 90.0, {"learner": "test"})
@@ -28,7 +26,7 @@ def seen_by(dial: DialPolicy) -> np.ndarray:
     return STATES if dial.n_features == 6 else np.column_stack([STATES, np.float32([0, 5, 9])])
 
 
-def test_it_decides_as_the_dial_at_the_angle_of_each_situation(dial: DialPolicy) -> None:
+def test_it_decides_as_the_dial_at_the_angle_of_each_situation(dial):
     policy, seen = ContextPolicy.of(dial, RULE), seen_by(dial)
     assert policy.angles(seen)[0].tolist() == [75.0, 10.0, 75.0]
     values = policy.q_values(seen)
@@ -36,7 +34,7 @@ def test_it_decides_as_the_dial_at_the_angle_of_each_situation(dial: DialPolicy)
         np.testing.assert_allclose(values[row], dial.at(angle).q_values(seen)[row], atol=1e-6)
 
 
-def test_its_file_holds_dial_and_rule(dial: DialPolicy, tmp_path: Path) -> None:
+def test_its_file_holds_dial_and_rule(dial, tmp_path):
     policy, path = ContextPolicy.of(dial, RULE), tmp_path / "policy.safetensors"
     sha256 = policy.save(path)
     loaded = ContextPolicy.load(path)
@@ -48,7 +46,7 @@ def test_its_file_holds_dial_and_rule(dial: DialPolicy, tmp_path: Path) -> None:
     assert record.details["rule"] == RULE.as_json()
 
 
-def test_an_angle_beyond_the_dial_or_another_world_is_refused(dial: DialPolicy) -> None:
+def test_an_angle_beyond_the_dial_or_another_world_is_refused(dial):
     for world, default, message in (
         ("crossing7", 120, "outside this dial's range"),
         ("crossing5", 30, "the dial takes"),
@@ -59,7 +57,7 @@ def test_an_angle_beyond_the_dial_or_another_world_is_refused(dial: DialPolicy) 
             ContextPolicy.of(dial, rule)
 
 
-def test_a_damaged_rule_in_a_file_is_refused(dial: DialPolicy, tmp_path: Path) -> None:
+def test_a_damaged_rule_in_a_file_is_refused(dial, tmp_path):
     path = tmp_path / "policy.safetensors"
     ContextPolicy.of(dial, RULE).save(path)
     arrays, header = load_arrays(path, ContextPolicy.KIND, 1)

@@ -16,7 +16,11 @@ from socialiq.worlds.highway.views import Lanes, way_of
 from socialiq.worlds.intersection.generated import GeneratedOptions
 from socialiq.worlds.intersection.options import EXIT_DISTANCE
 
-SEEDS = range(200)
+KINDS = {
+    (layout.form, layout.arms, layout.enters): seed
+    for seed, layout in enumerate(map(Layout.of_seed, range(200)))
+}
+"""A seed of each shape, number of arms and arm of the ego."""
 SAMPLE = (0, 1, 2, 3, 4, 5, 6, 8, 11, 14, 20, 26)
 """Seeds of roads of each shape, number of arms and priority, which are driven."""
 EPISODES = 20
@@ -44,7 +48,7 @@ def driven(text, driver, episodes=EPISODES):
     return endings, r_env
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", KINDS.values())
 def test_every_road_builds_and_begins(seed):
     world = grammar.build(f"road,seed={seed}")
     batch = world.batch(2)

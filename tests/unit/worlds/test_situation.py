@@ -13,7 +13,7 @@ def rule_of(world: str, *names: str) -> AngleRule:
     return AngleRule.of({"format": 1, "world": world, "default": 0, "when": cases})
 
 
-def test_features_of_crossing7() -> None:
+def test_features_of_crossing7():
     names = tuple(SITUATIONS["crossing7"])
     # ego cell and speed; then place and speed of both vehicles, -1 for none
     states = np.array([[2, 1, 1, 0, -1, 0], [0, 0, 4, 2, 2, 2], [6, 2, -1, 0, -1, 0]])
@@ -28,14 +28,14 @@ def test_features_of_crossing7() -> None:
     }
 
 
-def test_features_of_crossing5() -> None:
+def test_features_of_crossing5():
     states = np.array([[0, 2, 2, 1], [3, 2, 2, 2]])
     found = _each("crossing5", tuple(SITUATIONS["crossing5"]), states)
     assert found["approaching"].tolist() == [1, 0]
     assert found["cells_to_conflict"].tolist() == [2, -1]
 
 
-def test_features_of_the_intersection() -> None:
+def test_features_of_the_intersection():
     seen = np.zeros((1, 4 * ROW), np.float32)
     rows = seen.reshape(4, ROW)
     rows[0] = (1, 0.02, 0.41, 0, -0.4, 0, -1)  # the ego: 41 m south of the centre, 8 m/s north
@@ -53,7 +53,7 @@ def _each(world: str, names: tuple[str, ...], seen: np.ndarray) -> dict[str, np.
     return features_of(rule_of(world, *names), seen)
 
 
-def test_the_time_is_a_feature_where_policies_have_a_clock() -> None:
+def test_the_time_is_a_feature_where_policies_have_a_clock():
     rule = rule_of("intersection", TIME)
     angles, context = angles_of(rule, np.zeros((2, 2 * ROW)), np.array([0.0, 1.0]))
     assert angles.tolist() == [0.0, 60.0] and context.tolist() == [1, 0]
@@ -63,7 +63,7 @@ def test_the_time_is_a_feature_where_policies_have_a_clock() -> None:
         check_rule(rule_of("crossing7", TIME))
 
 
-def test_a_rule_is_for_the_features_of_its_world() -> None:
+def test_a_rule_is_for_the_features_of_its_world():
     check_rule(rule_of("crossing7", "waiting"), "crossing7")
     with pytest.raises(UserError, match="choose one of approaching"):
         check_rule(rule_of("crossing5", "waiting"))

@@ -164,7 +164,7 @@ def shown() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, Any]:
+def found():
     done = subprocess.run(
         [sys.executable, "-m", "tests.unit.worlds.test_third_class"],
         cwd=Path(__file__).parents[3],

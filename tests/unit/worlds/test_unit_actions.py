@@ -42,7 +42,7 @@ class Steady:
         return self.action, state
 
 
-def test_the_ends_are_the_bounds() -> None:
+def test_the_ends_are_the_bounds():
     env = UnitActions(Slope())
     env.reset()
     for action in ([-1.0, -1.0], [1.0, 1.0], [0.0, 0.5]):
@@ -51,7 +51,7 @@ def test_the_ends_are_the_bounds() -> None:
 
 
 @pytest.mark.parametrize("bad", [[np.nan, 0.0], [0.0], [0.0, 0.0, 0.0], [1.5, 0.0], [np.inf, 0.0]])
-def test_actions_that_are_none_are_refused(bad) -> None:
+def test_actions_that_are_none_are_refused(bad):
     env = UnitActions(Slope())
     env.reset()
     with pytest.raises(UserError, match="action"):
@@ -69,12 +69,12 @@ def test_actions_that_are_none_are_refused(bad) -> None:
         (spaces.Dict({"a": spaces.Discrete(2)}), "Dict are not supported"),
     ],
 )
-def test_spaces_of_other_kinds_are_refused(space, says) -> None:
+def test_spaces_of_other_kinds_are_refused(space, says):
     with pytest.raises(UserError, match=re.escape(says)):
         check_spaces(Slope(space), continuous=True)
 
 
-def test_a_registered_environment_is_driven_and_recorded() -> None:
+def test_a_registered_environment_is_driven_and_recorded():
     env = make_environment("Pendulum-v1", continuous=True)
     assert (sizes(env), action_size(env)) == ((3, 0), 1)
     with pytest.raises(UserError, match="only discrete actions are supported, not Box"):
@@ -84,7 +84,7 @@ def test_a_registered_environment_is_driven_and_recorded() -> None:
     assert table.n_actions == 0 and table.ending[-1] == 3
 
 
-def test_a_vector_reward_is_the_pair() -> None:
+def test_a_vector_reward_is_the_pair():
     env = UnitActions(RewardPairWrapper(Slope(), angle=90.0))
     table = rollout_env(env, Steady(np.array([1.0, 0.0], np.float32)), 1, seed=0).transitions
     assert table.rewards.env.tolist() == [4.0] * 3
@@ -92,19 +92,19 @@ def test_a_vector_reward_is_the_pair() -> None:
 
 
 @pytest.mark.parametrize("reward", [np.zeros(3), np.zeros(1), np.zeros((2, 2))])
-def test_vector_rewards_of_another_length_are_refused(reward) -> None:
+def test_vector_rewards_of_another_length_are_refused(reward):
     told = f"a vector reward has length {reward.size}, and an angle weighs two parts: choose"
     with pytest.raises(UserError, match=told) as refused:
         RewardPair.of_step(reward, {})
     assert "\n" not in str(refused.value)
 
 
-def test_a_vector_reward_of_two_parts_is_finite() -> None:
+def test_a_vector_reward_of_two_parts_is_finite():
     with pytest.raises(UserError, match=r"a vector reward must be two finite numbers"):
         RewardPair.of_step(np.array([np.nan, 0.0]), {})
 
 
-def test_an_environment_without_a_time_limit_is_refused(monkeypatch) -> None:
+def test_an_environment_without_a_time_limit_is_refused(monkeypatch):
     monkeypatch.setattr("socialiq.evaluation.simulate.MOST_STEPS", 50)
     env = UnitActions(Slope(endless=True))
     with pytest.raises(UserError, match=re.escape("wrap the environment in gymnasium.wrappers.T")):

@@ -21,12 +21,12 @@ def state(updates: int) -> SimpleNamespace:
     ("times", "chunks", "expected"),
     [(1, 4, [4]), (2, 4, [2, 4]), (3, 7, [3, 5, 7]), (9, 2, [1, 2])],
 )
-def test_checks_are_spread_and_the_last_is_at_the_end(times, chunks, expected) -> None:
+def test_checks_are_spread_and_the_last_is_at_the_end(times, chunks, expected):
     checks = Checks(times=times)
     assert [chunk for chunk in range(1, chunks + 1) if checks.due(chunk, chunks)] == expected
 
 
-def test_a_monitor_measures_where_a_check_is_due_and_gives_nan_elsewhere() -> None:
+def test_a_monitor_measures_where_a_check_is_due_and_gives_nan_elsewhere():
     monitor = Checks(times=1).monitor(2 * CHUNK, lambda _, done: {"total": float(done)}, "total")
     assert np.isnan(monitor(state(CHUNK))["total"])
     np.testing.assert_array_equal(monitor(state(2 * CHUNK))["total"], [2.0 * CHUNK])
@@ -47,7 +47,7 @@ class Trained:
 @pytest.mark.parametrize("checked", [True, False])
 def test_a_job_writes_policies_and_the_curve_of_checks_and_removes_the_checkpoint(
     tmp_path, checked
-) -> None:
+):
     (tmp_path / CHECKPOINT).write_text("of an interrupted try")
     shares: list[float] = []
 

@@ -24,14 +24,14 @@ def driven_episodes():
     return episodes_of(Intersection().batch(6), policy("gap_3s"), SEEDS)
 
 
-def test_episodes_are_read_as_they_were_written(episodes, tmp_path) -> None:
+def test_episodes_are_read_as_they_were_written(episodes, tmp_path):
     save_episodes(tmp_path / "greedy.safetensors", episodes)
     again = load_episodes(tmp_path / "greedy.safetensors")
     np.testing.assert_array_equal(again.totals.social, episodes.totals.social)
     assert policy_row("a", "greedy", again) == policy_row("a", "greedy", episodes)
 
 
-def test_shares_of_a_row_are_of_its_episodes(episodes) -> None:
+def test_shares_of_a_row_are_of_its_episodes(episodes):
     row = outcome_row(episodes)
     assert row["episodes"] == len(SEEDS) == 6 and SEEDS[0] == 3
     assert row["collision"] + row["arrival"] + row["timeout"] == pytest.approx(1.0)
@@ -39,7 +39,7 @@ def test_shares_of_a_row_are_of_its_episodes(episodes) -> None:
     assert row["speed_kmh"] == pytest.approx(3.6 * episodes.speed.mean())
 
 
-def test_every_evaluation_of_the_jobs_has_a_row_for_each_readout(episodes, tmp_path) -> None:
+def test_every_evaluation_of_the_jobs_has_a_row_for_each_readout(episodes, tmp_path):
     jobs = [
         Job(f"evaluation/{name}", print, Driving(driver="best.safetensors", readouts=readouts))  # type: ignore[arg-type]
         for name, readouts in (("experts/a", ("greedy",)), ("learners/b", ("greedy", "soft")))

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +31,7 @@ class Line:
 
 
 @pytest.fixture(scope="session")
-def line() -> Line:
+def line():
     return Line()
 
 
@@ -61,10 +60,10 @@ def random_drives(seed: int = 0, episodes: int = 6) -> Demonstrations:
 
 
 @pytest.fixture(scope="session")
-def drives() -> Demonstrations:
+def drives():
     return random_drives()
 
 
 @pytest.fixture(scope="session", name="random_drives")
-def random_drives_fixture() -> Callable[..., Demonstrations]:
+def random_drives_fixture():
     return random_drives

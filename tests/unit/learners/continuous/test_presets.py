@@ -20,7 +20,7 @@ def as_json(config: Any) -> dict[str, Any]:
     ("learner", "structure", "numbers"),
     [("sac", "continuous", "numbers"), ("iq-learn", "longer", "longer_numbers")],
 )
-def test_settings_are_those_of_the_study(learner: str, structure: str, numbers: str) -> None:
+def test_settings_are_those_of_the_study(learner, structure, numbers):
     committed = read_json(packaged_results() / NAME / "config.json")["config"]
     static, given = PRESETS[NAME][learner]
     for config, theirs in ((static, committed[structure]), (given, committed[numbers])):
@@ -28,14 +28,14 @@ def test_settings_are_those_of_the_study(learner: str, structure: str, numbers: 
         assert as_json(config) == as_json(type(config)()) | theirs
 
 
-def test_the_study_s_experts_differ_in_what_counts_in_a_dial_alone() -> None:
+def test_the_study_s_experts_differ_in_what_counts_in_a_dial_alone():
     committed = read_json(packaged_results() / NAME / "config.json")["config"]["expert"]
     static = as_json(PRESETS[NAME]["sac"][0])
     assert {name for name in static if static[name] != committed[name]} == {"high_share"}
 
 
 @pytest.mark.slow
-def test_a_preset_is_laid_under_the_options(tmp_path, as_a_user_runs_it) -> None:
+def test_a_preset_is_laid_under_the_options(tmp_path, as_a_user_runs_it):
     words = ["train", "sac", "--world", f"{NAME}-steering", "--preset", NAME]
     small = [
         "--hidden",

@@ -28,7 +28,7 @@ STATIC = ActorIQLearnConfig(
 ALPHA = 0.3
 
 
-def test_it_is_terms_1_to_3_but_for_a_constant() -> None:
+def test_it_is_terms_1_to_3_but_for_a_constant():
     """With E_own[V - γ V'] = E_own[r̂], Eq 2.7 has the same value up to -4 α_χ."""
     shown, own = (jax.random.normal(jax.random.key(seed), (32,)) for seed in (0, 1))
     regression = sum(regression_terms(shown, own, ALPHA).values())
@@ -37,7 +37,7 @@ def test_it_is_terms_1_to_3_but_for_a_constant() -> None:
     np.testing.assert_allclose(regression - objective, 4.0 * ALPHA, rtol=1e-5)
 
 
-def test_its_minimum_is_the_contrast_of_occupancies() -> None:
+def test_its_minimum_is_the_contrast_of_occupancies():
     """Of a reward by action alone: 4 α_χ (d_E - d) / (d_E + d), which `reward_bound` bounds."""
     shown, own = np.array([0] * 6 + [1] * 2), np.array([0] * 1 + [1] * 4 + [2] * 3)
     counts = [np.bincount(rows, minlength=3) for rows in (shown, own)]
@@ -52,7 +52,7 @@ def test_its_minimum_is_the_contrast_of_occupancies() -> None:
 
 
 @pytest.mark.slow
-def test_it_trains_with_bounded_values(line, drives) -> None:
+def test_it_trains_with_bounded_values(line, drives):
     numbers = ActorIQLearnHyperparameters(chi2_alpha=0.01, discount=0.5)
     trained = train(STATIC, [numbers], [drives], simulator=line, chunk=10)
     assert trained.failures == ()
@@ -69,7 +69,7 @@ def test_it_trains_with_bounded_values(line, drives) -> None:
         {"divergence": "js", "bounded": False},
     ],
 )
-def test_other_objectives_have_no_such_regression(change) -> None:
+def test_other_objectives_have_no_such_regression(change):
     line = "the regression of r̂ follows from the objective with --world, --prior none"
     with pytest.raises(UserError, match=re.escape(line)):
         dataclasses.replace(STATIC, **change)

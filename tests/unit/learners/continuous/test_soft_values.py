@@ -19,7 +19,7 @@ def drawn(actor):
     return actor_critic.draw_actions(actor, jnp.asarray(SEEN), jax.random.key(1), 4)
 
 
-def test_of_a_boltzmann_policy_every_draw_has_the_soft_value(drawn) -> None:
+def test_of_a_boltzmann_policy_every_draw_has_the_soft_value(drawn):
     """With π = exp(Q/τ) / Z each Q - τ log π is τ log Z: the actor is where it should be."""
     log_z = jnp.arange(5.0)
     q = 0.3 * (drawn.log_density + log_z)
@@ -27,7 +27,7 @@ def test_of_a_boltzmann_policy_every_draw_has_the_soft_value(drawn) -> None:
     assert actor_critic.actor_loss(q, drawn, 0.3) == pytest.approx(-0.3 * 2.0, abs=1e-5)
 
 
-def test_the_soft_value_of_any_other_policy_is_smaller(actor) -> None:
+def test_the_soft_value_of_any_other_policy_is_smaller(actor):
     """It is τ log Z less τ times a Kullback-Leibler divergence."""
     other = Actor.initialise(jax.random.key(5), 3, (8,), 2)
     many = actor_critic.draw_actions(actor, jnp.asarray(SEEN), jax.random.key(2), 4000)
@@ -39,14 +39,12 @@ def test_the_soft_value_of_any_other_policy_is_smaller(actor) -> None:
     assert bool((actor_critic.soft_value(q, many, 0.5) < 0.0).all())
 
 
-def test_the_critics_have_half_the_squared_errors_of_both() -> None:
+def test_the_critics_have_half_the_squared_errors_of_both():
     q = jnp.array([[1.0, 2.0], [0.0, -1.0]])
     assert actor_critic.critic_loss(q, jnp.array([1.0, 1.0])) == pytest.approx((0 + 1 + 1 + 4) / 4)
 
 
 @pytest.mark.parametrize(("entropy", "sign"), [(-10.0, 1.0), (10.0, -1.0)])
-def test_the_temperature_falls_while_there_is_more_entropy_than_wanted(
-    drawn, entropy, sign
-) -> None:
+def test_the_temperature_falls_while_there_is_more_entropy_than_wanted(drawn, entropy, sign):
     slope = jax.grad(actor_critic.temperature_loss)(jnp.zeros(()), drawn, entropy)
     assert np.sign(float(slope)) == sign

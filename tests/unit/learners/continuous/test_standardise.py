@@ -17,7 +17,7 @@ RNG = np.random.default_rng(0)
 SEEN = RNG.normal([10.0, -0.5, 3.0], [5.0, 0.01, 0.0], (50, 3)).astype(np.float32)
 
 
-def test_features_have_mean_0_and_deviation_1_and_a_constant_one_keeps_its_unit() -> None:
+def test_features_have_mean_0_and_deviation_1_and_a_constant_one_keeps_its_unit():
     change = Standardisation.of(SEEN)
     found = change(SEEN)
     assert found.mean(axis=0) == pytest.approx(0.0, abs=1e-5)
@@ -25,7 +25,7 @@ def test_features_have_mean_0_and_deviation_1_and_a_constant_one_keeps_its_unit(
     assert change(SEEN[0] + [0, 0, 2.0])[2] == pytest.approx(2.0)
 
 
-def test_steps_at_random_follow_from_their_seed_and_cross_the_ends_of_episodes() -> None:
+def test_steps_at_random_follow_from_their_seed_and_cross_the_ends_of_episodes():
     env = make_environment("Pendulum-v1", continuous=True)  # 200 steps an episode
     found = explored(env, 3, steps=450)
     assert found.shape == (450 + 1 + 2, 3) and found.dtype == np.float32
@@ -37,7 +37,7 @@ def test_steps_at_random_follow_from_their_seed_and_cross_the_ends_of_episodes()
     assert np.minimum(jumps, 2 * np.pi - jumps)[:200].max() < 0.5
 
 
-def test_a_policy_takes_observations_as_they_are() -> None:
+def test_a_policy_takes_observations_as_they_are():
     change = Standardisation.of(SEEN)
     trained = ActorPolicy.of(Actor.initialise(jax.random.key(0), 3, (8,), 2), {"made": "here"})
     restored = change.policy(trained)
@@ -46,7 +46,7 @@ def test_a_policy_takes_observations_as_they_are() -> None:
     assert restored.provenance["standardised"]["mean"] == change.mean.tolist()
 
 
-def test_features_that_are_left_out_have_no_effect() -> None:
+def test_features_that_are_left_out_have_no_effect():
     change = Standardisation.of(SEEN, left_out=range(1, 2))
     assert (change(SEEN)[:, 1] == 0.0).all() and change(SEEN)[:, 0].std() > 0.5
     trained = ActorPolicy.of(Actor.initialise(jax.random.key(0), 3, (8,), 2), {})
@@ -57,7 +57,7 @@ def test_features_that_are_left_out_have_no_effect() -> None:
     assert restored.provenance["standardised"]["deviation"][1] is None
 
 
-def test_a_dial_keeps_its_inputs_of_the_angle() -> None:
+def test_a_dial_keeps_its_inputs_of_the_angle():
     change = Standardisation.of(SEEN)
     network = Actor.initialise(jax.random.key(1), 5, (8,), 1, extra=2)
     dial = ActorDial(ActorPolicy.of(network, {}), 0.0, 90.0)
@@ -66,13 +66,13 @@ def test_a_dial_keeps_its_inputs_of_the_angle() -> None:
         assert restored == pytest.approx(dial.at(angle).predict(change(SEEN))[0], abs=1e-4)
 
 
-def test_a_policy_with_a_view_is_refused() -> None:
+def test_a_policy_with_a_view_is_refused():
     network = Actor.initialise(jax.random.key(1), 14, (8,), 1, view="set")
     with pytest.raises(UserError, match="a view reads vehicles"):
         Standardisation.of(RNG.normal(size=(9, 14))).policy(ActorPolicy.of(network, {}))
 
 
-def test_an_environment_shows_standardised_observations() -> None:
+def test_an_environment_shows_standardised_observations():
     change = Standardisation.of(RNG.normal([0.5, 0.1, 2.0], 0.3, (20, 3)))
     plain, changed = (make_environment("Pendulum-v1", continuous=True) for _ in range(2))
     changed = change.environment(changed)
@@ -83,13 +83,13 @@ def test_an_environment_shows_standardised_observations() -> None:
     assert changed.observation_space.contains(same)
 
 
-def test_an_environment_of_another_size_is_refused() -> None:
+def test_an_environment_of_another_size_is_refused():
     env = gymnasium.make("MountainCarContinuous-v0")
     with pytest.raises(UserError, match="has 2 features and the demonstrations 3"):
         Standardisation.of(SEEN).environment(env)
 
 
-def test_a_clone_learns_from_features_of_unequal_units(random_drives) -> None:
+def test_a_clone_learns_from_features_of_unequal_units(random_drives):
     """The action is a feature of deviation 0.001 beside one of 100, which says nothing."""
     drives = random_drives(episodes=40)
     rng = np.random.default_rng(3)

@@ -38,7 +38,7 @@ def sound(static, numbers, *given, **named):
 
 
 @pytest.mark.slow
-def test_runs_in_one_program_are_those_of_one_by_one(line) -> None:
+def test_runs_in_one_program_are_those_of_one_by_one(line):
     runs = [NUMBERS, dataclasses.replace(NUMBERS, seed=4, angle=90.0)]
     both = train(SAC, runs, simulator=line, chunk=10)
     alone = train(SAC, runs[1:], simulator=line, chunk=10)
@@ -51,7 +51,7 @@ def test_runs_in_one_program_are_those_of_one_by_one(line) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_bits(line, drives, assert_same) -> None:
+def test_the_same_seed_gives_the_same_bits(line, drives, assert_same):
     once, again = (sound(IQ, IQ_NUMBERS, [drives], line) for _ in range(2))
     assert_same(once.networks, again.networks)
     names = {"expert", "value", "chi2", "prior", "actor", "entropy", "loss", "max_q"}
@@ -71,7 +71,7 @@ def test_the_same_seed_gives_the_same_bits(line, drives, assert_same) -> None:
         pytest.param({"prior": "reweighting", "tuned": True}, marks=pytest.mark.slow),
     ],
 )
-def test_offline_variants_train_soundly(changes, drives) -> None:
+def test_offline_variants_train_soundly(changes, drives):
     static = dataclasses.replace(OFFLINE, **changes)
     numbers = dataclasses.replace(IQ_NUMBERS, angle=0.0)
     trained = sound(static, numbers, [drives])
@@ -83,7 +83,7 @@ def test_offline_variants_train_soundly(changes, drives) -> None:
 
 
 @pytest.mark.slow
-def test_endings_by_occupancy_and_bounded_values_train_soundly(line, drives) -> None:
+def test_endings_by_occupancy_and_bounded_values_train_soundly(line, drives):
     static = dataclasses.replace(
         IQ,
         prior="none",
@@ -94,13 +94,13 @@ def test_endings_by_occupancy_and_bounded_values_train_soundly(line, drives) -> 
     sound(static, config.ActorIQLearnHyperparameters(), [drives], line)
 
 
-def test_a_dial_without_demonstrations_is_soft_actor_critic_at_all_angles(line) -> None:
+def test_a_dial_without_demonstrations_is_soft_actor_critic_at_all_angles(line):
     dial = sound(dataclasses.replace(SAC, dial=True), NUMBERS, simulator=line).policy(0)
     seen = np.zeros((1, 1))
     assert not np.allclose(dial.at(0.0).predict(seen)[0], dial.at(90.0).predict(seen)[0])
 
 
-def test_the_actor_alone_learns_at_its_share_of_the_rate(line, drives, assert_same) -> None:
+def test_the_actor_alone_learns_at_its_share_of_the_rate(line, drives, assert_same):
     learner = learner_of(IQ, drives, line)
 
     @jax.jit
@@ -122,12 +122,12 @@ def test_the_actor_alone_learns_at_its_share_of_the_rate(line, drives, assert_sa
         assert np.abs(fast - old).max() > 1e-4
 
 
-def test_td3_bc_is_deterministic(drives) -> None:
+def test_td3_bc_is_deterministic(drives):
     policy = sound(TD3, config.TD3BCHyperparameters(), [drives]).policy(0)
     assert not policy.is_stochastic
 
 
-def test_a_prior_and_the_quadratic_term_are_one_shifted_quadratic(drives) -> None:
+def test_a_prior_and_the_quadratic_term_are_one_shifted_quadratic(drives):
     """c r̂² + w (r̂ - λR)² = κ (r̂ - w λ R / κ)² + constant: the critics' gradients are equal."""
     numbers = {"temperature": 0.3, "seed": 0}
     apart = config.ActorIQLearnHyperparameters(30.0, 2.0, prior_weight=1.5, **numbers)
@@ -154,7 +154,7 @@ def test_a_prior_and_the_quadratic_term_are_one_shifted_quadratic(drives) -> Non
         np.testing.assert_allclose(one, other, atol=2e-5)
 
 
-def test_weighted_clones_follow_their_angle(random_drives) -> None:
+def test_weighted_clones_follow_their_angle(random_drives):
     data = random_drives(episodes=40)
     static = GaussianCloning.StaticConfig(hidden=(16,), batch_size=64, updates=150, weighted=True)
     runs = [
@@ -203,12 +203,12 @@ def test_weighted_clones_follow_their_angle(random_drives) -> None:
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(call, says, line, drives) -> None:
+def test_what_does_not_fit_is_refused_in_one_line(call, says, line, drives):
     with pytest.raises(UserError, match=re.escape(says)):
         call(line, drives)
 
 
-def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
+def test_demonstrations_of_discrete_actions_are_refused(demonstrations):
     with pytest.raises(UserError, match="the demonstrations have discrete actions"):
         train(TD3, [config.TD3BCHyperparameters()], [demonstrations()])
     with pytest.raises(UserError, match="the demonstrations have discrete ones"):
@@ -231,12 +231,12 @@ def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
         (lambda: config.ActorIQLearnHyperparameters(actor_rate=np.nan), "actor_rate"),
     ],
 )
-def test_settings_that_make_no_run_are_refused(make, says) -> None:
+def test_settings_that_make_no_run_are_refused(make, says):
     with pytest.raises(UserError, match=says):
         make()
 
 
-def test_a_view_that_does_not_fit_the_world_is_refused(line) -> None:
+def test_a_view_that_does_not_fit_the_world_is_refused(line):
     static = config.SACConfig(view="set")
     with pytest.raises(UserError, match="use the view flat"):
         train(static, [config.SACHyperparameters()], simulator=line)

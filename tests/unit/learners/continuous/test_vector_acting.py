@@ -37,7 +37,7 @@ def rows_of(runs: Runs, run: int) -> list[np.ndarray]:
 
 
 @pytest.mark.slow
-def test_runs_that_act_together_have_the_experience_of_each_alone() -> None:
+def test_runs_that_act_together_have_the_experience_of_each_alone():
     both, alone = collected((3, 4)), collected((4,))
     assert int(both.carry.replay.added[1]) == 18
     for ours, theirs in zip(rows_of(both, 1), rows_of(alone, 0), strict=True):
@@ -48,7 +48,7 @@ def test_runs_that_act_together_have_the_experience_of_each_alone() -> None:
     assert not np.allclose(seen[:3], rows_of(both, 0)[0][:3])
 
 
-def test_the_first_steps_are_uniform_and_later_ones_follow_the_actor() -> None:
+def test_the_first_steps_are_uniform_and_later_ones_follow_the_actor():
     first, later = rows_of(collected((3,)), 0)[1], rows_of(collected((3,), done=100), 0)[1]
     rng = np.random.default_rng(np.random.SeedSequence([3, 0]))
     rng.integers(2**31)
@@ -58,7 +58,7 @@ def test_the_first_steps_are_uniform_and_later_ones_follow_the_actor() -> None:
     assert not np.allclose(first, later)
 
 
-def test_environments_that_cannot_be_divided_are_refused() -> None:
+def test_environments_that_cannot_be_divided_are_refused():
     env = learning_env(Intersection(ContinuousOptions()), 3)
     with pytest.raises(UserError, match="can't be divided among 2 runs"):
         numbers = [config.SACHyperparameters(seed=seed) for seed in (0, 1)]

@@ -1,5 +1,4 @@
 import dataclasses
-from typing import Any
 
 import jax
 import numpy as np
@@ -25,7 +24,7 @@ CONFIG = DialConfig(
 
 
 @pytest.mark.parametrize("heads", ["score", "pair"])
-def test_a_dial_of_two_angles_trains_from_the_world_alone(heads: Any) -> None:
+def test_a_dial_of_two_angles_trains_from_the_world_alone(heads):
     world = make_grid("crosswalk7").with_parts().with_clock()
     how = {"heads": heads, "backup": "double", "driven_share": 0.5, "redraw_times": 25}
     trained = train(dataclasses.replace(CONFIG, **how), DialHyperparameters(), (), world, chunk=20)
@@ -35,7 +34,7 @@ def test_a_dial_of_two_angles_trains_from_the_world_alone(heads: Any) -> None:
     assert (dial.n_features, dial.n_actions, dial.pairs) == (8, 3, heads == "pair")
 
 
-def test_directions_are_drawn_from_the_octant_and_its_margin() -> None:
+def test_directions_are_drawn_from_the_octant_and_its_margin():
     drawn = draw_directions(jax.random.key(0), 4000, CONFIG, classes=True)
     assert isinstance(drawn.social, ByClass)
     env, vehicle, vulnerable = map(np.asarray, drawn.parts)
@@ -54,6 +53,6 @@ def test_directions_are_drawn_from_the_octant_and_its_margin() -> None:
         ({"knots": 5}, "--set knots is of one angle"),
     ],
 )
-def test_what_does_not_go_with_classes_is_refused(fields: dict, line: str) -> None:
+def test_what_does_not_go_with_classes_is_refused(fields, line):
     with pytest.raises(UserError, match=line):
         dataclasses.replace(CONFIG, **fields)

@@ -72,7 +72,7 @@ def by_hand(network: DialNetwork, rows: Rows, scored: slice) -> tuple[float, flo
 @pytest.mark.parametrize(
     ("scored", "rows_scored"), [("all", slice(None)), ("demonstrations", slice(2))]
 )
-def test_the_loss_is_its_formula_at_each_rows_own_angle(scored: str, rows_scored: slice) -> None:
+def test_the_loss_is_its_formula_at_each_rows_own_angle(scored, rows_scored):
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2)
     static = dataclasses.replace(STRUCTURE, scored=scored)
@@ -83,7 +83,7 @@ def test_the_loss_is_its_formula_at_each_rows_own_angle(scored: str, rows_scored
     assert float(total) == pytest.approx(sum(expected), rel=1e-5)
 
 
-def test_without_demonstrations_only_the_quadratic_is_left() -> None:
+def test_without_demonstrations_only_the_quadratic_is_left():
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
     static = dataclasses.replace(STRUCTURE, demonstrations=False)
@@ -93,7 +93,7 @@ def test_without_demonstrations_only_the_quadratic_is_left() -> None:
     assert float(total) == pytest.approx(expected, rel=1e-5)
 
 
-def test_angles_are_drawn_between_the_ends_and_a_little_beyond() -> None:
+def test_angles_are_drawn_between_the_ends_and_a_little_beyond():
     static = dataclasses.replace(STRUCTURE, low=10.0, high=50.0, margin=5.0)
     drawn = draw_directions(jax.random.key(0), 4000, static)
     degrees = np.degrees(np.arctan2(drawn.social, drawn.env))
@@ -103,7 +103,7 @@ def test_angles_are_drawn_between_the_ends_and_a_little_beyond() -> None:
     np.testing.assert_allclose(np.hypot(drawn.env, drawn.social), 1.0, rtol=1e-6)
 
 
-def test_redrawn_times_move_the_clock_and_its_timeouts_alone() -> None:
+def test_redrawn_times_move_the_clock_and_its_timeouts_alone():
     before = batch()
     after = at_other_times(jax.random.key(3), before, horizon=2)
     np.testing.assert_array_equal(after.observation[:, :-1], before.observation[:, :-1])
@@ -115,7 +115,7 @@ def test_redrawn_times_move_the_clock_and_its_timeouts_alone() -> None:
     np.testing.assert_array_equal(after.ending, expected)
 
 
-def test_a_timeouts_reward_moves_with_it() -> None:
+def test_a_timeouts_reward_moves_with_it():
     before = batch()  # row 2 timed out
     after = at_other_times(jax.random.key(3), before, horizon=2, timeout_reward=-0.5)
     now = np.asarray(after.ending) == int(Ending.TIMEOUT)
@@ -125,7 +125,7 @@ def test_a_timeouts_reward_moves_with_it() -> None:
     assert (now != had).any()
 
 
-def test_some_rows_may_keep_their_time() -> None:
+def test_some_rows_may_keep_their_time():
     rng = np.random.default_rng(0)
     own = jnp.asarray(rng.integers(20, size=4000), jnp.float32)
     one = jax.tree.map(lambda column: jnp.repeat(column[:1], 4000, axis=0), batch())
@@ -150,7 +150,7 @@ def networks(pairs: bool) -> tuple[DialNetwork, DialNetwork]:
     return one, other
 
 
-def test_a_hard_backup_takes_the_targets_largest_value() -> None:
+def test_a_hard_backup_takes_the_targets_largest_value():
     network, target = networks(pairs=False)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
     found = float(objective(network, target, rows, NUMBERS, HARD)[1]["prior"])
@@ -178,7 +178,7 @@ def by_hand_of_pairs(
     )
 
 
-def test_pairs_have_a_quadratic_for_each_reward() -> None:
+def test_pairs_have_a_quadratic_for_each_reward():
     network, target = networks(pairs=True)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
     _, terms = objective(network, target, rows, NUMBERS, DOUBLE)
@@ -189,7 +189,7 @@ def test_pairs_have_a_quadratic_for_each_reward() -> None:
     assert float(terms["prior"]) == pytest.approx(3.0 * np.mean(each), rel=1e-5)
 
 
-def test_own_rows_are_learned_at_the_angle_that_was_driven_as_often_as_asked() -> None:
+def test_own_rows_are_learned_at_the_angle_that_was_driven_as_often_as_asked():
     static = dataclasses.replace(
         DOUBLE, driven_share=0.6, replay_batch=2000, replay_capacity=8, redraw_times=0
     )
@@ -200,7 +200,7 @@ def test_own_rows_are_learned_at_the_angle_that_was_driven_as_often_as_asked() -
     assert abs((np.abs(degrees - 1.0) < 1e-3).mean() - 0.6) < 0.05  # 4 standard errors
 
 
-def test_large_angles_are_drawn_as_often_as_asked() -> None:
+def test_large_angles_are_drawn_as_often_as_asked():
     static = dataclasses.replace(STRUCTURE, high_from=65.0, high_share=0.4)
     drawn = draw_directions(jax.random.key(0), 4000, static)
     degrees = np.degrees(np.arctan2(drawn.social, drawn.env))
@@ -220,6 +220,6 @@ def test_large_angles_are_drawn_as_often_as_asked() -> None:
         ({"timeout_reward": float("nan")}, "finite"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(changes: dict, line: str) -> None:
+def test_settings_that_do_not_fit_are_refused(changes, line):
     with pytest.raises(UserError, match=line):
         dataclasses.replace(STRUCTURE, **changes)

@@ -52,7 +52,7 @@ def trained():
     return train(long, [NUMBERS], [two_steps()], chunk=1000)
 
 
-def test_the_best_supported_action_is_chosen_at_every_angle(trained) -> None:
+def test_the_best_supported_action_is_chosen_at_every_angle(trained):
     """At 0 degrees only the second step counts, at 90 only the first, between them both."""
     assert tuple(trained) == STAGES
     dial = trained["dial"].policy(0)
@@ -63,7 +63,7 @@ def test_the_best_supported_action_is_chosen_at_every_angle(trained) -> None:
     assert dial.at(45.0).probabilities(STATES)[:, 2].max() < 0.01
 
 
-def test_what_earns_nothing_is_imitated(trained) -> None:
+def test_what_earns_nothing_is_imitated(trained):
     dial = trained["dial"].policy(0)
     first = dial.at(0.0).probabilities(STATES)[0]
     second = dial.at(90.0).probabilities(STATES)[1]
@@ -72,7 +72,7 @@ def test_what_earns_nothing_is_imitated(trained) -> None:
 
 
 @pytest.mark.slow
-def test_a_high_temperature_clones() -> None:
+def test_a_high_temperature_clones():
     prices = dict.fromkeys(("temperature", "end_temperature"), 1e3)
     cold = OfflineDialHyperparameters(learning_rate=1e-2, **prices)
     dial = train(STATIC, [cold], [two_steps()], chunk=200)["dial"].policy(0)
@@ -81,7 +81,7 @@ def test_a_high_temperature_clones() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_repeats_and_its_record_names_it() -> None:
+def test_a_run_repeats_and_its_record_names_it():
     short = OfflineDialConfig(view="flat", hidden=(8,), updates=20, batch_size=8, members=2)
     runs = [train(short, [NUMBERS], [two_steps(20)], chunk=10)["dial"] for _ in range(2)]
     first, second = (one.policy(0) for one in runs)
@@ -91,7 +91,7 @@ def test_a_run_repeats_and_its_record_names_it() -> None:
     assert runs[0].history.updates == [10, 20]
 
 
-def test_high_angles_are_drawn_more_often_where_the_range_has_them() -> None:
+def test_high_angles_are_drawn_more_often_where_the_range_has_them():
     """Two in five beyond 77 degrees; of a range that ends at 60, all alike."""
     for static, share in ((OfflineDialConfig(), 0.4), (OfflineDialConfig(high=60.0), 0.0)):
         drawn = draw_directions(jax.random.key(0), 20_000, static.without_idle_share)
@@ -100,13 +100,13 @@ def test_high_angles_are_drawn_more_often_where_the_range_has_them() -> None:
         assert angles.min() < static.low < static.high < angles.max()
 
 
-def test_the_critics_take_more_steps() -> None:
+def test_the_critics_take_more_steps():
     short = OfflineDialConfig(view="flat", hidden=(8,), updates=10, critic_factor=3, batch_size=8)
     stages = train(short, [NUMBERS], [two_steps(20)], chunk=10)
     assert [stages[name].history.updates[-1] for name in STAGES] == [10, 30, 10]
 
 
-def test_times_and_units_are_those_of_the_episodes() -> None:
+def test_times_and_units_are_those_of_the_episodes():
     """Two steps of an episode: times 0 and 1/2, then 1/2 and 1."""
     rows, unit = recorded(two_steps(50))
     np.testing.assert_allclose(rows.time, np.tile([0.0, 0.5], 50))
@@ -116,7 +116,7 @@ def test_times_and_units_are_those_of_the_episodes() -> None:
     np.testing.assert_allclose(unit, to_go.std(axis=1), rtol=1e-5)
 
 
-def test_a_view_that_ends_is_no_end_of_an_episode() -> None:
+def test_a_view_that_ends_is_no_end_of_an_episode():
     """Episodes of two steps that time out: of two decisions in all, or of four."""
     data = two_steps(3, Ending.TIMEOUT)
     ended, _ = recorded(data, 2)
@@ -129,7 +129,7 @@ def test_a_view_that_ends_is_no_end_of_an_episode() -> None:
 
 
 @pytest.mark.slow
-def test_runs_trained_together_learn_from_their_own_data() -> None:
+def test_runs_trained_together_learn_from_their_own_data():
     """As if trained alone; the second one's drivers take action 1 throughout."""
     short = dataclasses.replace(STATIC, updates=100)
     mixed, sure = two_steps(40), two_steps(200)
@@ -142,26 +142,26 @@ def test_runs_trained_together_learn_from_their_own_data() -> None:
     np.testing.assert_allclose(alone.at(45.0).probabilities(STATES), found[1], atol=1e-3)
 
 
-def test_unlike_data_are_refused() -> None:
+def test_unlike_data_are_refused():
     wide = dataclasses.replace(two_steps(20), n_actions=4)
     for datasets in ([], [two_steps(20), wide]):
         with pytest.raises(UserError, match="demonstrations"):
             train(STATIC, [NUMBERS] * len(datasets), datasets)
 
 
-def test_episodes_with_missing_steps_are_refused() -> None:
+def test_episodes_with_missing_steps_are_refused():
     with pytest.raises(UserError, match="misses steps"):
         train(STATIC, [NUMBERS], [two_steps(20).subsample(2)])
 
 
-def test_a_stage_that_blows_up_is_told() -> None:
+def test_a_stage_that_blows_up_is_told():
     short = OfflineDialConfig(view="flat", hidden=(8,), updates=20, batch_size=8)
     told = r"stage behaviour, seed 0 stopped at update \d+: .* not finite; lower learning_rate$"
     with pytest.raises(UserError, match=told):
         train(short, [OfflineDialHyperparameters(learning_rate=1e30)], [two_steps(20)])
 
 
-@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.usefixtures("as_a_user_runs_it")
 @pytest.mark.parametrize(
     "make",
     [
@@ -183,7 +183,7 @@ def test_a_stage_that_blows_up_is_told() -> None:
         lambda: OfflineDialHyperparameters(seed=-1),
     ],
 )
-def test_settings_that_make_no_run_are_refused(make) -> None:
+def test_settings_that_make_no_run_are_refused(make):
     with pytest.raises(UserError) as caught:
         make()
     assert "\n" not in str(caught.value)

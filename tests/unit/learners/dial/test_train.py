@@ -1,6 +1,5 @@
 import dataclasses
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.train import train
-from socialiq.learners.kernel import Trained
 from socialiq.worlds import registry
 
 WORLD = registry.make_grid("crossing7").with_clock()
@@ -26,29 +24,25 @@ def random_demonstrations(demonstrations):
 
 
 @pytest.fixture(name="whole", scope="module")
-def uninterrupted(data) -> Trained:
+def uninterrupted(data):
     return train(ONLINE, RUNS, [data], WORLD, chunk=20)
 
 
-def test_every_run_trains_soundly(whole: Trained) -> None:
+def test_every_run_trains_soundly(whole):
     assert whole.failures == ()
     assert set(whole.history.values) == {"expert", "value", "prior", "multiplier", "max_q", "loss"}
     parts = [whole.history.array(name) for name in ("expert", "value", "prior")]
     np.testing.assert_allclose(np.sum(parts, axis=0), whole.history.array("loss"), rtol=1e-4)
 
 
-def test_the_same_seed_gives_the_same_bits_and_another_does_not(
-    whole: Trained, assert_same, data
-) -> None:
+def test_the_same_seed_gives_the_same_bits_and_another_does_not(whole, assert_same, data):
     again = train(ONLINE, RUNS, [data], WORLD, chunk=20)
     assert_same(again.networks, whole.networks)
     one, other = (whole.policy(run).at(45.0).weights[0] for run in (0, 1))
     assert not np.allclose(one, other)
 
 
-def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
-    whole: Trained, assert_same, data, tmp_path: Path
-) -> None:
+def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(whole, assert_same, data, tmp_path):
     path = tmp_path / "state"
 
     def interrupt(report: Report) -> None:
@@ -66,14 +60,14 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
         train(changed, RUNS, [data], WORLD, callbacks=around, chunk=20)
 
 
-def test_a_dial_tells_how_it_was_made(whole: Trained) -> None:
+def test_a_dial_tells_how_it_was_made(whole):
     dial = whole.policy(1)
     assert (dial.low, dial.high) == (0.0, 90.0)
     assert dial.provenance["learner"] == "dial"
     assert DialHyperparameters(**dial.provenance["numbers"]) == RUNS[1]
 
 
-def test_a_network_with_knots_covers_the_drawn_angles(data) -> None:
+def test_a_network_with_knots_covers_the_drawn_angles(data):
     static = dataclasses.replace(OFFLINE, knots=6, low=20.0, high=60.0, margin=5.0, updates=2)
     dial = train(static, RUNS[:1], [data], chunk=2).policy(0)
     assert dial.knots == pytest.approx((15.0, 25.0, 35.0, 45.0, 55.0, 65.0))
@@ -81,13 +75,13 @@ def test_a_network_with_knots_covers_the_drawn_angles(data) -> None:
 
 
 @pytest.mark.slow
-def test_offline_needs_no_world_and_without_demonstrations_no_data(data) -> None:
+def test_offline_needs_no_world_and_without_demonstrations_no_data(data):
     assert train(OFFLINE, RUNS[:1], [data], chunk=60).failures == ()
     alone = dataclasses.replace(ONLINE, demonstrations=False)
     assert train(alone, RUNS[:1], [], WORLD, chunk=60).failures == ()
 
 
-def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> None:
+def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations):
     refused = {
         "no runs": (ONLINE, (), [data], WORLD),
         "no demonstrations": (ONLINE, RUNS, [], WORLD),
@@ -115,7 +109,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
         ({"view": "round"}, "unknown value of --set view"),
     ],
 )
-def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> None:
+def test_structures_that_make_no_run_are_refused(changes, line):
     with pytest.raises(UserError, match=line):
         dataclasses.replace(DialConfig(), **changes)
 
@@ -129,6 +123,6 @@ def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> No
         ({"seed": -1}, "seed must lie in"),
     ],
 )
-def test_numbers_outside_their_range_are_refused(changes: dict, line: str) -> None:
+def test_numbers_outside_their_range_are_refused(changes, line):
     with pytest.raises(UserError, match=line):
         dataclasses.replace(DialHyperparameters(), **changes)

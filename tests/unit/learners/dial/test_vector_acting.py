@@ -28,7 +28,7 @@ def vector_env(count: int) -> RoadVectorEnv:
     return RoadVectorEnv(num_envs=count, autoreset_mode=AutoresetMode.SAME_STEP, clock=True)
 
 
-def test_runs_that_act_together_collect_what_each_collects_alone() -> None:
+def test_runs_that_act_together_collect_what_each_collects_alone():
     learner = Dial(STATIC, sizes_of(Options(), clock=True))
     begun = [_start_all(learner, stack(NUMBERS)) for _ in range(2)]
     sources = [source_of(Options(), 4, 1, clock=True) for _ in NUMBERS]
@@ -43,6 +43,6 @@ def test_runs_that_act_together_collect_what_each_collects_alone() -> None:
     assert not np.array_equal(first, second)
 
 
-def test_environments_that_runs_cannot_share_are_refused() -> None:
+def test_environments_that_runs_cannot_share_are_refused():
     with pytest.raises(UserError, match="can't be divided among 2 runs"):
         VectorCollector(vector_env(3), 1, NUMBERS, dials_together(STATIC, NUMBERS))

@@ -1,5 +1,3 @@
-from typing import Any
-
 import pytest
 
 from socialiq.errors import UserError
@@ -7,10 +5,10 @@ from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyp
 from socialiq.types import Ending
 
 NAN, INF = float("nan"), float("inf")
-untyped = pytest.mark.usefixtures("without_type_checker")
+untyped = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
-def test_defaults_are_the_gridworld_column_of_table_c_1() -> None:
+def test_defaults_are_the_gridworld_column_of_table_c_1():
     hyperparameters, static = IQLearnHyperparameters(), IQLearnConfig()
     assert (hyperparameters.temperature, hyperparameters.discount, hyperparameters.chi2_alpha) == (
         1.0,
@@ -56,7 +54,7 @@ def test_defaults_are_the_gridworld_column_of_table_c_1() -> None:
     ],
     ids=str,
 )
-def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> None:
+def test_a_structure_that_makes_no_run_is_refused(fields):
     with pytest.raises(UserError) as caught:
         IQLearnConfig(**fields)
     assert "\n" not in str(caught.value)
@@ -73,13 +71,13 @@ def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> Non
     ],
     ids=str,
 )
-def test_a_structure_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
+def test_a_structure_at_the_edge_is_accepted(fields):
     static = IQLearnConfig(**fields)
     assert all(getattr(static, name) == value for name, value in fields.items())
 
 
 @untyped
-def test_an_unknown_name_is_told_with_the_known_ones() -> None:
+def test_an_unknown_name_is_told_with_the_known_ones():
     with pytest.raises(
         UserError, match="unknown value of --set value_term 'v1': choose one of value, value_expe"
     ):
@@ -88,12 +86,12 @@ def test_an_unknown_name_is_told_with_the_known_ones() -> None:
 
 @untyped
 @pytest.mark.parametrize("kind", ["arrival", "collision", "timeout", "other"])
-def test_an_unknown_treatment_of_an_ending_is_refused(kind: str) -> None:
+def test_an_unknown_treatment_of_an_ending_is_refused(kind):
     with pytest.raises(UserError, match=f"{kind}.* 'terminal': choose one of zero, bootstrap"):
         Endings(**{kind: "terminal"})
 
 
-def test_endings_by_kind_name_every_ending() -> None:
+def test_endings_by_kind_name_every_ending():
     assert Endings(timeout="bootstrap").by_kind() == {
         Ending.ARRIVAL: "zero",
         Ending.COLLISION: "zero",
@@ -119,7 +117,7 @@ def test_endings_by_kind_name_every_ending() -> None:
     ],
     ids=str,
 )
-def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
+def test_a_number_outside_its_range_is_refused(fields):
     with pytest.raises(UserError) as caught:
         IQLearnHyperparameters(**fields)
     assert "\n" not in str(caught.value)
@@ -139,6 +137,6 @@ def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     ],
     ids=str,
 )
-def test_a_number_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
+def test_a_number_at_the_edge_is_accepted(fields):
     hyperparameters = IQLearnHyperparameters(**fields)
     assert all(getattr(hyperparameters, name) == value for name, value in fields.items())

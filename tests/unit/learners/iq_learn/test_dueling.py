@@ -23,12 +23,7 @@ STATIC = IQLearnConfig(
 NUMBERS = IQLearnHyperparameters(temperature=0.2)
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
-def test_offline_it_is_cloning_and_half_the_square_of_the_reward(data) -> None:
+def test_offline_it_is_cloning_and_half_the_square_of_the_reward(data):
     """V - Q = -τ log π, and γ V(s') of terms 1 and 2 cancels: τ x likelihood + E[r̂²]/(4 α_χ)."""
     learner = IQLearn.of(STATIC, [data])
     run = stack([NUMBERS])[0]
@@ -44,7 +39,7 @@ def test_offline_it_is_cloning_and_half_the_square_of_the_reward(data) -> None:
     assert float(loss) == pytest.approx(float(expected), rel=1e-4)
 
 
-def test_its_policy_is_cloned_with_weights_linear_in_the_advantage(data) -> None:
+def test_its_policy_is_cloned_with_weights_linear_in_the_advantage(data):
     """The gradient for log π is that of -τ E[(1 + 2 c δ) log π], δ = γ V(s') - V(s) - τ log π."""
     learner = IQLearn.of(STATIC, [data])
     run = stack([NUMBERS])[0]
@@ -73,7 +68,7 @@ def test_its_policy_is_cloned_with_weights_linear_in_the_advantage(data) -> None
         np.testing.assert_allclose(one, other, atol=1e-5)
 
 
-def test_a_run_is_saved_as_a_plain_policy(data, tmp_path) -> None:
+def test_a_run_is_saved_as_a_plain_policy(data, tmp_path):
     runs = [dataclasses.replace(NUMBERS, temperature=one) for one in (0.2, 1.0)]
     trained = train(STATIC, runs, [data])
     assert trained.failures == ()

@@ -1,6 +1,5 @@
 import dataclasses
 import signal
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -12,7 +11,6 @@ from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Endings, IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import IQLearn, train
-from socialiq.learners.kernel import Trained
 from socialiq.learners.state import HyperparameterArrays, stack
 from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
@@ -23,13 +21,8 @@ RUNS = (IQLearnHyperparameters(seed=0, angle=45.0), IQLearnHyperparameters(seed=
 CROSSING7 = registry.make_grid("crossing7")
 
 
-@pytest.fixture(name="data", scope="module")
-def random_demonstrations(demonstrations):
-    return demonstrations()
-
-
 @pytest.fixture(name="whole", scope="module")
-def uninterrupted(data) -> Trained:
+def uninterrupted(data):
     return train(ONLINE, RUNS, [data], CROSSING7, chunk=20)
 
 
@@ -37,7 +30,7 @@ def observations(data) -> np.ndarray:
     return data.observation[:10]
 
 
-def test_an_online_run_trains_every_run_soundly(whole: Trained, data) -> None:
+def test_an_online_run_trains_every_run_soundly(whole, data):
     assert whole.failures == ()
     assert whole.history.updates == [20, 40, 60]
     terms = {"expert", "value", "chi2", "prior", "loss", "max_q", "expert_reward"}
@@ -47,20 +40,18 @@ def test_an_online_run_trains_every_run_soundly(whole: Trained, data) -> None:
     np.testing.assert_allclose(np.sum(parts, axis=0), whole.history.array("loss"), rtol=1e-5)
 
 
-def test_the_same_seed_gives_the_same_bits(whole: Trained, assert_same, data) -> None:
+def test_the_same_seed_gives_the_same_bits(whole, assert_same, data):
     again = train(ONLINE, RUNS, [data], CROSSING7, chunk=20)
     assert_same(again.networks, whole.networks)
     assert_same(again.history.values, whole.history.values)
 
 
-def test_different_seeds_differ(whole: Trained, data) -> None:
+def test_different_seeds_differ(whole, data):
     first, second = (whole.policy(run).q_values(observations(data)) for run in (0, 1))
     assert not np.allclose(first, second)
 
 
-def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
-    whole: Trained, assert_same, data, tmp_path: Path
-) -> None:
+def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(whole, assert_same, data, tmp_path):
     path = tmp_path / "state"
 
     def interrupt(report: Report) -> None:
@@ -84,9 +75,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
 @pytest.mark.parametrize(
     ("wild", "broken"), [({"learning_rate": 1e30}, "parameters"), ({"strength": 1e30}, "prior")]
 )
-def test_a_run_that_diverges_stops_and_the_other_trains_on(
-    whole: Trained, assert_same, data, wild: dict[str, float], broken: str
-) -> None:
+def test_a_run_that_diverges_stops_and_the_other_trains_on(whole, assert_same, data, wild, broken):
     found = train(
         ONLINE, (RUNS[0], dataclasses.replace(RUNS[1], **wild)), [data], CROSSING7, chunk=20
     )
@@ -98,7 +87,7 @@ def test_a_run_that_diverges_stops_and_the_other_trains_on(
     assert np.isfinite(found.policy(1).weights[0]).all()
 
 
-def test_a_run_does_not_depend_on_its_neighbours(whole: Trained, data) -> None:
+def test_a_run_does_not_depend_on_its_neighbours(whole, data):
     alone = train(ONLINE, RUNS[1:], [data], CROSSING7, chunk=60)
     found, expected = alone.policy(0), whole.policy(1)
     np.testing.assert_allclose(
@@ -106,7 +95,7 @@ def test_a_run_does_not_depend_on_its_neighbours(whole: Trained, data) -> None:
     )
 
 
-def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None:
+def test_a_policy_carries_its_temperature_and_its_origin(whole):
     policy = whole.policy(1)
     assert policy.temperature == 1.0
     assert policy.provenance["learner"] == "iq_learn"
@@ -114,7 +103,7 @@ def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None
     assert policy.provenance["structure"]["hidden"] == (8,)
 
 
-def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data) -> None:
+def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data):
     """Two runs that never learn: one so hot that it acts evenly, one so cold that it is greedy."""
     steps = 400
     static = dataclasses.replace(ONLINE, batch_size=1, replay_capacity=steps)
@@ -179,7 +168,7 @@ VARIANTS: dict[str, tuple[dict[str, Any], IQLearnHyperparameters]] = {
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_every_variant_trains_with_finite_terms(name: str, data) -> None:
+def test_every_variant_trains_with_finite_terms(name, data):
     choices, hyperparameters = VARIANTS[name]
     static = dataclasses.replace(OFFLINE, updates=20, **choices)
     still = dataclasses.replace(hyperparameters, learning_rate=1e-30)  # keeps the network it drew
@@ -201,14 +190,12 @@ def test_every_variant_trains_with_finite_terms(name: str, data) -> None:
         (ONLINE, RUNS, registry.make_grid("crossing5"), "they belong to another world"),
     ],
 )
-def test_settings_that_do_not_fit_together_are_refused(
-    data, static: IQLearnConfig, hyperparameters: Any, world: Any, words: str
-) -> None:
+def test_settings_that_do_not_fit_together_are_refused(data, static, hyperparameters, world, words):
     with pytest.raises(UserError, match=words):
         train(static, list(hyperparameters), [data], world)
 
 
-def test_demonstrations_that_do_not_fit_together_are_refused(data, demonstrations) -> None:
+def test_demonstrations_that_do_not_fit_together_are_refused(data, demonstrations):
     with pytest.raises(UserError, match="no demonstrations"):
         train(OFFLINE, RUNS, [])
     with pytest.raises(UserError, match="different actions"):

@@ -13,7 +13,7 @@ def seen(track: int, first: int, frames: int) -> Way:
 
 
 @pytest.fixture
-def ways() -> dict[int, Way]:
+def ways():
     rng = np.random.default_rng(0)
     lengths = rng.integers(1, 40, 60).tolist()
     return {n: seen(n, int(rng.integers(0, 300)), size) for n, size in enumerate(lengths)}

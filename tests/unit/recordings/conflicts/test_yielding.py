@@ -28,19 +28,24 @@ def test_who_passes_second_and_loses_a_second_gave_way():
     assert (of_bicycles["of_yielded"], of_bicycles["to_yielded"]) == (1, None)
 
 
-@pytest.mark.parametrize("angle", [25.0, 60.0])
-def test_a_known_weight_is_recovered_from_many_contested_conflicts(angle):
+def drawn(angle):
+    """800 contested conflicts of drivers whose weights have an angle."""
     random = np.random.default_rng(3)
     own, other = random.uniform(0.1, 5.0, (2, 800))
     gain = np.sin(np.radians(angle)) * other - np.cos(np.radians(angle)) * own
     second = random.random(800) < 1 / (1 + np.exp(-1.5 * gain))
-    stakes = [
-        Stakes(*row) for row in zip(own.tolist(), other.tolist(), second.tolist(), strict=True)
-    ]
-    estimate = weight(stakes, np.arange(800) % 40)
+    return [Stakes(*row) for row in zip(own.tolist(), other.tolist(), second.tolist(), strict=True)]
+
+
+@pytest.mark.parametrize("angle", [25.0, 60.0])
+def test_a_known_weight_is_recovered_from_many_contested_conflicts(angle):
+    estimate = weight(drawn(angle), np.arange(800) % 40)
     assert estimate.low <= angle <= estimate.high and estimate.high - estimate.low < 12
     assert estimate.sharpness == pytest.approx(1.5, rel=0.25)
-    ranges = {true: (low, high) for true, low, high in recovered(stakes, 1.5, draws=20)}
+
+
+def test_waits_of_many_contested_conflicts_tell_angles_apart():
+    ranges = {true: (low, high) for true, low, high in recovered(drawn(25.0), 1.5, draws=20)}
     assert ranges[30.0][0] > 20 and ranges[60.0][1] < 70
 
 

@@ -58,7 +58,7 @@ def folder(tmp_path):
     return str(tmp_path / "results")
 
 
-def test_the_whole_plan_has_every_cell_and_the_ablations() -> None:
+def test_the_whole_plan_has_every_cell_and_the_ablations():
     found = list(plan.cells(Config()))
     blind = [name for name, method in METHODS.items() if not method.forces]
     everywhere = len(TASKS) * (len(METHODS) - len(blind)) * 3
@@ -68,7 +68,7 @@ def test_the_whole_plan_has_every_cell_and_the_ablations() -> None:
     assert len(list(plan.cells(Config(ablate=False)))) == len(found) - len(VARIANTS)
 
 
-def test_each_job_stands_after_its_inputs() -> None:
+def test_each_job_stands_after_its_inputs():
     jobs = plan.plan(Config(**SMALL))
     names = [job.name for job in jobs]
     assert all(set(job.inputs) <= set(names[:place]) for place, job in enumerate(jobs))
@@ -76,7 +76,7 @@ def test_each_job_stands_after_its_inputs() -> None:
     assert sum(job.stage == "shown" for job in jobs) == 2
 
 
-def test_what_is_there_is_not_planned_again(folder) -> None:
+def test_what_is_there_is_not_planned_again(folder):
     jobs = plan.plan(Config(**SMALL, pieces=folder))
     assert all(job.stage != "expert" for job in jobs)
     shown = [job for job in jobs if job.stage == "shown"]
@@ -93,9 +93,7 @@ def test_what_is_there_is_not_planned_again(folder) -> None:
     assert left == [] == plan.plan(Config(**SMALL, pieces=folder, new=False))
 
 
-def test_an_expert_shows_episodes_only_if_it_is_the_planned_one(
-    folder, tmp_path, monkeypatch
-) -> None:
+def test_an_expert_shows_episodes_only_if_it_is_the_planned_one(folder, tmp_path, monkeypatch):
     job = next(job for job in plan.plan(Config(**SMALL, pieces=folder)) if job.stage == "shown")
     read = []
     monkeypatch.setattr(plan.ActorPolicy, "load", read.append)
@@ -109,7 +107,7 @@ def test_an_expert_shows_episodes_only_if_it_is_the_planned_one(
         plan.show(job.config, tmp_path, {}, lambda _share: None)
 
 
-def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path) -> None:
+def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path):
     config = Config(**SMALL, pieces=folder, new=False)
     found = study.compute_tables(config, Context((), tmp_path, lambda _stage: None))
     (expert,) = found.tables["experts"]
@@ -129,7 +127,7 @@ def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path) -> None:
     assert found.files["pieces/Hopper-regression-5-0.json"].startswith(b"{")
 
 
-def test_ablations_are_tested_against_no_change() -> None:
+def test_ablations_are_tested_against_no_change():
     shares = {"online": [0.5, 0.7, 0.6], "regression": [0.1, 0.2, 0.3], "temperature 0.1": [0.6]}
     label = {"task": "Hopper", "trajectories": 5}
     runs = [
@@ -142,7 +140,7 @@ def test_ablations_are_tested_against_no_change() -> None:
     assert test["mean"] == pytest.approx(-0.4) and test["p_holm"] == test["p"]
 
 
-def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
+def test_a_damaged_folder_is_named(folder, tmp_path):
     for broken in ({"task": "Hopper"}, []):
         (tmp_path / "results" / "pieces" / "Hopper-online-5-0.json").write_text(json.dumps(broken))
         with pytest.raises(UserError, match=r"Hopper-online-5-0\.json is damaged"):
@@ -155,7 +153,7 @@ def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
         plan.committed(str(tmp_path / "nothing"))
 
 
-def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
+def test_a_run_of_an_unknown_method_is_named(folder, tmp_path):
     newer = run("online, of a later version", 0, 1.0)
     name = plan.name_of(*(newer[key] for key in KEY))
     (tmp_path / "results" / "pieces" / name).write_text(json.dumps(newer))
@@ -163,7 +161,7 @@ def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
         plan.committed(folder)
 
 
-def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
+def test_updates_are_the_given_ones_the_tasks_or_the_methods():
     def updates(method: str, given: int) -> int:
         run = Imitation("Hopper", method, 1, (0,), given, 1, 0)
         return settled(run).static.updates
@@ -174,14 +172,14 @@ def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
     assert (updates(CHOSEN, 0), updates(CHOSEN, 30)) == (100_000, 30)
 
 
-def test_the_chosen_settings_are_those_of_their_name() -> None:
+def test_the_chosen_settings_are_those_of_their_name():
     chosen, base = METHODS[CHOSEN], METHODS["online"]
     assert (chosen.numbers.temperature, chosen.numbers.discount) == (0.1, 0.97)
     assert (chosen.static.schedule, chosen.updates) == ("linear", 100_000)
     assert chosen.static.hidden == base.static.hidden
 
 
-def test_standardised_methods_are_the_only_ones_with_standardised_observations() -> None:
+def test_standardised_methods_are_the_only_ones_with_standardised_observations():
     for name, method in METHODS.items():
         assert method.standardised == (", standardised" in name)
     online = METHODS["online, standardised"]
@@ -192,7 +190,7 @@ def test_standardised_methods_are_the_only_ones_with_standardised_observations()
     assert longer.static == changed
 
 
-def test_contact_forces_are_left_out_alone_beside_what_the_name_says() -> None:
+def test_contact_forces_are_left_out_alone_beside_what_the_name_says():
     chosen = METHODS[WITHOUT_FORCES]
     numbers = dataclasses.replace(METHODS[LONGER].numbers, temperature=0.3)
     blind = {"clone": "cloning, standardised, no contact forces", "forces": False}
@@ -203,7 +201,7 @@ def test_contact_forces_are_left_out_alone_beside_what_the_name_says() -> None:
         assert blind == dataclasses.replace(base, clone=blind.clone, forces=False)
 
 
-def test_a_variant_changes_what_it_names_alone() -> None:
+def test_a_variant_changes_what_it_names_alone():
     base, changed = METHODS["online"], RECIPES["temperature 0.1"]
     assert changed.static == base.static and changed.numbers.temperature == 0.1
     assert RECIPES["absorbing states"].absorbing and not base.absorbing
@@ -218,6 +216,6 @@ def test_a_variant_changes_what_it_names_alone() -> None:
         ({"judged": 0}, "judged must be at least 1"),
     ],
 )
-def test_bad_settings_are_refused(change, line) -> None:
+def test_bad_settings_are_refused(change, line):
     with pytest.raises(UserError, match=line):
         plan.jobs(Config(**change))

@@ -3,7 +3,6 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from socialiq.audit.profile.profile import world_of as world_of_profile
 from socialiq.errors import UserError
@@ -91,13 +90,10 @@ def test_who_waits_in_the_roundabout_times_out():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_gymnasium_accepts_it(name):
-    env = gymnasium.make(SCENE_IDS[name], angle=90.0)
-    check_env(env.unwrapped, skip_render_check=True)
-    env.reset(seed=1)
-    _, reward, _, _, info = env.step(FASTER)
-    assert reward == pytest.approx(info["reward_pair"][1])
-    assert sizes(make_environment(SCENE_IDS[name])) == (35, 5)
+def test_the_id_and_the_name_alone_are_accepted(name):
+    assert is_environment(name)
+    assert sizes(make_environment(SCENE_IDS[name])) == sizes(make_environment(name)) == (35, 5)
+    assert world_of_profile(name, {}).name == name
 
 
 @pytest.mark.parametrize(
@@ -148,12 +144,6 @@ def test_a_collision_names_its_contact(name):
         collided = made.ending == int(Ending.COLLISION)
         assert (made.contact[collided] != int(Contact.NONE)).all()
         assert (made.contact[~collided] == int(Contact.NONE)).all()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_name_alone_is_accepted(name):
-    assert is_environment(name) and sizes(make_environment(name)) == (35, 5)
-    assert world_of_profile(name, {}).name == name
 
 
 def test_the_time_is_a_last_feature_on_request():

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,12 @@ from socialiq.worlds.intersection.core.geometry import ROAD
 from socialiq.worlds.intersection.options import ALONG, SIGHT, SPEED_LIMIT
 
 SEEDS = range(200)
+DRAWN = {
+    (layout.form, layout.arms, layout.lanes, layout.enters): layout
+    for layout in map(Layout.of_seed, SEEDS)
+}
+"""A layout of each kind; what else a seed draws is the priority and the skew."""
+
 WIDE = [
     Layout(form, arms, lanes, "main", skew, 0)
     for form in ("crossing", "roundabout")
@@ -31,6 +38,7 @@ WIDE = [
 """Layouts with the largest skew."""
 
 
+@cache
 def road_of(layout):
     return road_of_layout(layout, SIGHT, ALONG, SPEED_LIMIT)
 
@@ -47,8 +55,8 @@ def points(lane, count=60):
     return np.array([position(lane, along) for along in np.linspace(0.0, lane.length, count)])
 
 
-def check(layout):
-    """Check all ways of a layout."""
+@pytest.mark.parametrize("layout", [*DRAWN.values(), *WIDE], ids=str)
+def test_each_lane_continues_its_predecessor(layout):
     road = road_of(layout)
     lanes = road.lanes.view(np.recarray)
     for entry, exit, way in ways_of(layout, road):
@@ -67,16 +75,6 @@ def check(layout):
             assert gap < 1e-9
             turn = heading_at(first, first.length) - heading_at(lanes[after], 0.0)
             assert abs(math.remainder(turn, math.tau)) < 1e-9
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_each_lane_of_a_drawn_road_continues_its_predecessor(seed):
-    check(Layout.of_seed(seed))
-
-
-@pytest.mark.parametrize("layout", WIDE, ids=str)
-def test_each_lane_of_a_skewed_road_continues_its_predecessor(layout):
-    check(layout)
 
 
 @pytest.mark.parametrize("layout", WIDE, ids=str)

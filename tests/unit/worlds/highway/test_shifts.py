@@ -147,23 +147,6 @@ def test_every_episode_draws_one_of_several_shifts():
     assert world.options.destination == "right" and world.shifts[1].latency == 1
 
 
-def test_copies_have_the_faults_of_their_episode():
-    world = Intersection().shifted("late,unseen=.3,noise=1", "known")
-    batch, drive = world.batch(6), policies.policy("idm")
-    batch.reset(SEEDS[:6])
-    batch.step(np.full(6, 2), auto_reset=False)
-    saved, copies = batch.save(), batch.branch([0, 0, 3])
-    for _ in range(2):
-        actions = drive.predict(batch.observation)[0]
-        batch.step(actions, auto_reset=False, rows=batch.running)
-        copies.step(actions[[0, 0, 3]], auto_reset=False, rows=copies.running)
-    np.testing.assert_array_equal(batch.observation[[0, 0, 3]], copies.observation)
-    batch.restore(saved)
-    np.testing.assert_array_equal(batch.save().beside[-1], saved.beside[-1])
-    returns = branched_returns(batch, lambda rows: drive.predict(rows)[0])
-    assert returns.env.shape == (6, 3) and np.isfinite(returns.env).all()
-
-
 def test_punctual_episodes_share_copies_where_others_are_late(monkeypatch):
     batch, follow = Intersection().shifted("none or late").batch(12), policies.policy("gap_2s")
     batch.reset(0)

@@ -1,6 +1,6 @@
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.n
 
 
 @pytest.fixture(name="car", scope="session")
-def car_fixture() -> Callable[..., np.ndarray]:
+def car_fixture():
     return car
 
 
@@ -63,7 +63,7 @@ def annotated(
 
 
 @pytest.fixture(name="annotated", scope="session")
-def annotated_fixture() -> Callable[..., Buffers]:
+def annotated_fixture():
     return annotated
 
 
@@ -74,7 +74,7 @@ def actions_of(size: int, seed: int) -> Iterator[np.ndarray]:
 
 
 @pytest.fixture(name="actions_of", scope="session")
-def actions_fixture() -> Callable[[int, int], Iterator[np.ndarray]]:
+def actions_fixture():
     return actions_of
 
 
@@ -89,5 +89,5 @@ def drive(
 
 
 @pytest.fixture(name="drive", scope="session")
-def drive_fixture() -> Callable[..., Iterator[tuple[Batch, Decisions]]]:
+def drive_fixture():
     return drive

@@ -81,10 +81,13 @@ def test_seeds_that_will_not_do_are_refused(batch, seeds, line):
     assert_equal(everything(batch), before)
 
 
-def test_a_large_seed_is_the_first_rows():
-    batch = Intersection().batch(2)
-    for seed in (2**40, 2**63):
-        np.testing.assert_array_equal(batch.reset(seed), batch.reset([seed, seed + 1]))
+@pytest.mark.parametrize("seed", [7, 2**40, 2**63])
+def test_one_number_seeds_consecutive_rows(seed):
+    batch = Intersection().batch(3)
+    np.testing.assert_array_equal(batch.reset(seed), batch.reset([seed, seed + 1, seed + 2]))
+    # of the chosen ones
+    chosen = batch.reset(seed, rows=[0, 2])
+    np.testing.assert_array_equal(chosen, batch.reset([seed, seed + 1, seed + 1]))
 
 
 def test_seeds_may_mix_small_and_large_ones():
@@ -258,15 +261,6 @@ def test_rows_of_a_state_branch(actions_of):
         assert len(np.unique(made.observation[:3], axis=0)) >= 2
 
 
-def test_picked_rows_keep_their_own_future(batch):
-    state = batch.save()
-    swapped = Intersection().batch(2)
-    swapped.restore(state.rows([1, 0]))
-    for _ in range(30):
-        straight, crossed = batch.step(GO), swapped.step(GO)
-        np.testing.assert_array_equal(straight.observation, crossed.observation[::-1])
-
-
 def test_a_row_is_the_episode_of_its_seed_alone(actions_of):
     size, steps, seeds = 7, 70, [11, 3, 3, 2**50, 0, 8, 15]
     together, singles = Intersection().batch(size), [Intersection().batch(1) for _ in seeds]
@@ -306,21 +300,6 @@ def test_neither_size_nor_threads_matter(size, threads, actions_of):
         np.testing.assert_array_equal(made.observation[:size], same.observation)
         np.testing.assert_array_equal(made.rewards.social[:size], same.rewards.social)
     assert (reference.buffers.episodes[:size] == other.buffers.episodes).all()
-
-
-def test_one_number_seeds_consecutive_rows():
-    one, other = Intersection().batch(3), Intersection().batch(3)
-    np.testing.assert_array_equal(one.reset(7), other.reset([7, 8, 9]))
-    # of the chosen ones
-    np.testing.assert_array_equal(one.reset(7, rows=[0, 2]), other.reset([7, 8, 8]))
-
-
-def test_an_unseeded_reset_goes_on_with_the_stream(batch):
-    first = batch.reset(5)
-    second = batch.reset()
-    assert (first != second).any(axis=1).all()
-    batch.reset(5)
-    np.testing.assert_array_equal(batch.reset(), second)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import inspect
 import re
 import textwrap
@@ -149,6 +150,7 @@ def _shown(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+@functools.cache  # of a class, not of each field: its source is read
 def meanings(kind: type[Any]) -> dict[str, str]:
     """Return the meaning of each field of a dataclass: in its metadata, or its comment.
 

@@ -215,8 +215,9 @@ class GridBatch:
                 self._last_fate = np.array([rng.random(self._fate.shape[1]) for rng in streams])
                 self._last_seeds = seeds.copy()
             self._fate[chosen] = self._last_fate
-            chances = np.broadcast_to(initial, (len(chosen), len(initial)))
-            self.state[chosen] = drawn_outcome(chances, self._fate[chosen, 0])
+            ends = initial.cumsum()  # once, as `drawn_outcome` would for each row
+            index = np.searchsorted(ends, self._fate[chosen, 0], side="right")
+            self.state[chosen] = np.minimum(index, len(ends) - 1)
         self._time[chosen] = 0
         self._waiting[chosen] = False
         return self.observation

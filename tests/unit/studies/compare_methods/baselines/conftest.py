@@ -1,12 +1,12 @@
 """Networks that give the same numbers in every state, and rows of one state."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.unit.learners.conftest import demonstrations_fixture, without_type_checker
+from tests.unit.learners.conftest import demonstrations_fixture
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.expert_table import Batch
@@ -47,18 +47,18 @@ def bandit(actions: Sequence[int], env: Sequence[float], social: Sequence[float]
 
 
 @pytest.fixture(name="constant", scope="session")
-def constant_fixture() -> Callable[..., QNetwork]:
+def constant_fixture():
     return constant
 
 
 @pytest.fixture(name="rows_of", scope="session")
-def rows_fixture() -> Callable[..., Batch]:
+def rows_fixture():
     return rows_of
 
 
 @pytest.fixture(name="bandit", scope="session")
-def bandit_fixture() -> Callable[..., Demonstrations]:
+def bandit_fixture():
     return bandit
 
 
-__all__ = ["demonstrations_fixture", "without_type_checker"]  # fixtures of the learners' tests
+__all__ = ["demonstrations_fixture"]  # a fixture of the learners' tests

@@ -11,7 +11,7 @@ from studies.compare_methods.baselines.clones import (
 )
 
 
-def test_the_discriminator_estimates_the_ratio_of_densities() -> None:
+def test_the_discriminator_estimates_the_ratio_of_densities():
     """Half of the others' rows are of the first kind, 3/4 of the expert's: d = η p_E / p_O.
 
     With η = 0.5 the loss has no slope at 0.5 (3/4) / (1/2) = 3/4 and at 0.5 (1/4) / (1/2) = 1/4.
@@ -27,7 +27,7 @@ def test_the_discriminator_estimates_the_ratio_of_densities() -> None:
 
 
 @pytest.mark.slow
-def test_it_clones_the_best_part(bandit) -> None:
+def test_it_clones_the_best_part(bandit):
     data = bandit([0, 0, 1] * 10, [0.0] * 30, [0.0, 0.0, 1.0] * 10)
     static = DWBCConfig(hidden=(8,), batch_size=16, updates=400)
     numbers = [DWBCHyperparameters(90.0, learning_rate=0.01)]

@@ -39,7 +39,7 @@ def drawn(learner, run):
     return jax.jit(lambda run: learner.draw(run, *learner.initialise(run)))(run)
 
 
-def test_pairs_are_of_one_set_and_ranked_by_their_scores(bandit) -> None:
+def test_pairs_are_of_one_set_and_ranked_by_their_scores(bandit):
     """Two sets of one-step episodes, whose rows know their episode by r_social."""
     sets = [bandit([0] * 3, [0.0] * 3, [0.0, 1.0, 2.0]), bandit([1] * 2, [0.0] * 2, [3.0, 4.0])]
     table = ExpertTable.of(sets, "instantaneous", 1.0)
@@ -53,7 +53,7 @@ def test_pairs_are_of_one_set_and_ranked_by_their_scores(bandit) -> None:
         np.testing.assert_array_equal(pairs.better, scores[first] - scores[second])
 
 
-def test_graded_rows_and_pairs_have_the_levels_of_their_episodes(bandit) -> None:
+def test_graded_rows_and_pairs_have_the_levels_of_their_episodes(bandit):
     data = bandit([0] * 6, [0.0] * 6, [5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
     learner = SPRINQL.of(SPRINQLConfig(batch_size=50, levels=3, pairs=20), [data])
     run = stack([SPRINQLHyperparameters(90.0)])[0]
@@ -63,7 +63,7 @@ def test_graded_rows_and_pairs_have_the_levels_of_their_episodes(bandit) -> None
     np.testing.assert_array_equal(pairs.better, levels[1] - levels[0])
 
 
-def test_an_outcome_is_scaled_by_the_run_s_own_set(bandit) -> None:
+def test_an_outcome_is_scaled_by_the_run_s_own_set(bandit):
     """Totals (0, 1) and (4, 3): mean (2, 2), deviation (2, 1); the other set has none to vary."""
     sets = [bandit([0, 1], [0.0, 4.0], [1.0, 3.0]), bandit([0, 0], [9.0, 9.0], [9.0, 9.0])]
     learner = OutcomeConditioned.of(DWBCConfig(batch_size=20), sets)
@@ -86,7 +86,7 @@ def networks_of(discriminator_bias: float, constant) -> DWBCNetworks:
 
 
 @pytest.mark.parametrize("bias", [0.0, 50.0])
-def test_the_clone_s_rows_have_the_weights_of_the_discriminator(constant, rows_of, bias) -> None:
+def test_the_clone_s_rows_have_the_weights_of_the_discriminator(constant, rows_of, bias):
     """d = σ(bias), clipped; the expert's row is of action 1, the other of action 0."""
     learner = DiscriminatorWeighted(DWBCConfig(), (1, 2))
     run = stack([DWBCHyperparameters(expert_weight=7.5, positive_share=0.5)])[0]
@@ -99,7 +99,7 @@ def test_the_clone_s_rows_have_the_weights_of_the_discriminator(constant, rows_o
     assert terms["clone"] == pytest.approx(expected, rel=1e-5)
 
 
-def test_neither_part_learns_from_the_other_s_loss(constant, rows_of) -> None:
+def test_neither_part_learns_from_the_other_s_loss(constant, rows_of):
     learner = DiscriminatorWeighted(DWBCConfig(), (1, 2))
     run = stack([DWBCHyperparameters()])[0]
     batch, network = (rows_of([1], [0.0]), rows_of([0], [0.0])), networks_of(0.3, constant)
@@ -117,7 +117,7 @@ def test_neither_part_learns_from_the_other_s_loss(constant, rows_of) -> None:
     assert slopes("discriminator").discriminator > 0.0 == slopes("discriminator").policy
 
 
-def test_the_weight_of_a_cloned_row_is_bounded(constant, rows_of) -> None:
+def test_the_weight_of_a_cloned_row_is_bounded(constant, rows_of):
     """exp(10 (3 - 0)) is far above 100, so -log π(1) = ln 2 counts 100 times."""
     network = IQLNetworks(constant(0.0, 3.0), constant(0.0), constant(0.0, 0.0))
     run = stack([IQLHyperparameters(90.0, inverse_temperature=10.0)])[0]
@@ -126,7 +126,7 @@ def test_the_weight_of_a_cloned_row_is_bounded(constant, rows_of) -> None:
     assert terms["policy"] == pytest.approx(LARGEST_WEIGHT * np.log(2), rel=1e-5)
 
 
-def test_an_intention_is_scored_by_its_episodes(bandit) -> None:
+def test_an_intention_is_scored_by_its_episodes(bandit):
     """The first of three intentions has the egoists' episode, the second the altruists'."""
     data = bandit([0, 1], [4.0, 0.0], [0.0, 2.0])
     learner = MultiIntention.of(IntentionConfig(hidden=(), intentions=3), [data])
@@ -138,7 +138,7 @@ def test_an_intention_is_scored_by_its_episodes(bandit) -> None:
     assert policy.at(10.0) is policy.policies[0] and policy.at(80.0) is policy.policies[1]
 
 
-def test_rows_of_an_intention_count_by_its_responsibilities(constant, rows_of) -> None:
+def test_rows_of_an_intention_count_by_its_responsibilities(constant, rows_of):
     """Loss of rows with z = (1, 0) and (0, 1) is that of each intention on its own row."""
     learner = MultiIntention(IntentionConfig(intentions=2), (1, 2))
     run = stack([IntentionHyperparameters(discount=0.9)])[0]
@@ -155,7 +155,7 @@ def test_rows_of_an_intention_count_by_its_responsibilities(constant, rows_of) -
     assert joint == pytest.approx(float(sum(apart)) / 2, rel=1e-6)
 
 
-def test_the_pair_of_a_row_is_kept_apart(bandit) -> None:
+def test_the_pair_of_a_row_is_kept_apart(bandit):
     """Demonstrations come with (r_env, r_social), which only the angle joins."""
     data = bandit([0, 1], [1.0, 2.0], [3.0, 4.0])
     table = ExpertTable.of([data], "instantaneous", 1.0)

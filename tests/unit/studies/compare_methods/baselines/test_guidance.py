@@ -15,7 +15,7 @@ from studies.compare_methods.baselines.clones import (
 
 
 @pytest.mark.parametrize("hidden", [(), (5,), (5, 4)])
-def test_the_guided_network_is_the_product_policy(hidden) -> None:
+def test_the_guided_network_is_the_product_policy(hidden):
     """π_w ∝ π̂ (π̂_1 / π̂)^w, for networks of any depth."""
     observation = np.random.default_rng(0).normal(size=(7, 3)).astype(np.float32)
     plain, optimal = (
@@ -32,7 +32,7 @@ def test_the_guided_network_is_the_product_policy(hidden) -> None:
         )
 
 
-def test_actions_no_worse_than_the_mean_are_optimal(bandit) -> None:
+def test_actions_no_worse_than_the_mean_are_optimal(bandit):
     """Of rewards 0 and 1 in one state the mean is 1/2, so o = 1 where the reward is 1."""
     data = bandit([0, 1] * 10, [0.0] * 20, [0.0, 1.0] * 10)
     learner = GuidedCloning.of(GuidanceConfig(batch_size=64), [data])
@@ -48,7 +48,7 @@ def test_actions_no_worse_than_the_mean_are_optimal(bandit) -> None:
 
 
 @pytest.mark.slow
-def test_more_guidance_is_a_better_policy(bandit) -> None:
+def test_more_guidance_is_a_better_policy(bandit):
     """1 of 4 demonstrations is good, so p(a = 1 | o = 1) = 1 and guidance finds it."""
     data = bandit([0, 0, 0, 1] * 10, [0.0] * 40, [0.0, 0.0, 0.0, 1.0] * 10)
     runs = [

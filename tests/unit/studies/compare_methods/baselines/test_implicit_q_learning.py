@@ -16,7 +16,7 @@ LEARNER = ImplicitQLearning(ValueConfig(), (1, 2))
 
 
 @pytest.mark.parametrize("expectile", [0.5, 0.7, 0.9])
-def test_a_bandit_of_two_actions_has_its_known_solution(constant, rows_of, expectile) -> None:
+def test_a_bandit_of_two_actions_has_its_known_solution(constant, rows_of, expectile):
     """Rewards 0 and 1, alike often: Q = (0, 1), V = τ, and odds e^β between the actions.
 
     τ (1 - V) = (1 - τ) V gives V = τ. There no loss has a slope.
@@ -35,7 +35,7 @@ def test_a_bandit_of_two_actions_has_its_known_solution(constant, rows_of, expec
     assert max(float(jnp.abs(leaf).max()) for leaf in jax.tree.leaves(jax.grad(loss)(off))) > 0.01
 
 
-def test_the_expectile_loss_by_hand(constant, rows_of) -> None:
+def test_the_expectile_loss_by_hand(constant, rows_of):
     """Q - V is 2 and -1."""
     network = IQLNetworks(constant(2.0, -1.0), constant(0.0), constant(0.0, 0.0))
     run = stack([IQLHyperparameters(90.0, expectile=0.9)])[0]
@@ -43,7 +43,7 @@ def test_the_expectile_loss_by_hand(constant, rows_of) -> None:
     assert terms["state_value"] == pytest.approx((0.9 * 4 + 0.1 * 1) / 2)
 
 
-def test_q_follows_the_value_of_the_next_state(constant, rows_of) -> None:
+def test_q_follows_the_value_of_the_next_state(constant, rows_of):
     """r = 1, γ = 0.5 and V(s') = 4 make the target 3."""
     network = IQLNetworks(constant(3.0, 0.0), constant(4.0), constant(0.0, 0.0))
     run = stack([IQLHyperparameters(90.0, discount=0.5)])[0]
@@ -53,7 +53,7 @@ def test_q_follows_the_value_of_the_next_state(constant, rows_of) -> None:
 
 
 @pytest.mark.slow
-def test_it_trains_and_prefers_the_better_action(bandit) -> None:
+def test_it_trains_and_prefers_the_better_action(bandit):
     data = bandit([0, 1] * 20, [0.0] * 40, [0.0, 1.0] * 20)
     static = ValueConfig(hidden=(8,), batch_size=16, updates=400)
     trained = ImplicitQLearning.train_on(
@@ -63,8 +63,8 @@ def test_it_trains_and_prefers_the_better_action(bandit) -> None:
     assert trained.failures == () and chances[1] > 0.8
 
 
-@pytest.mark.usefixtures("without_type_checker")
-def test_settings_that_make_no_run_are_refused() -> None:
+@pytest.mark.usefixtures("as_a_user_runs_it")
+def test_settings_that_make_no_run_are_refused():
     for wrong in ({"expectile": 1.5}, {"inverse_temperature": 0.0}):
         with pytest.raises(UserError):
             IQLHyperparameters(**wrong)

@@ -12,7 +12,7 @@ from studies.compare_methods.baselines.online import (
 
 
 @pytest.mark.parametrize("c", [0.5, 2.0])
-def test_chi2_on_the_mixture_is_least_squares(c: float) -> None:
+def test_chi2_on_the_mixture_is_least_squares(c):
     """-E_E[r] + E_π[r] + c/2 (E_E[r²] + E_π[r²]), completed to squares around ±1/c."""
     rng = np.random.default_rng(0)
     expert, own = rng.normal(size=(2, 50))
@@ -22,7 +22,7 @@ def test_chi2_on_the_mixture_is_least_squares(c: float) -> None:
 
 
 @pytest.mark.parametrize("fixed", [True, False])
-def test_the_loss_by_hand(constant, rows_of, fixed: bool) -> None:
+def test_the_loss_by_hand(constant, rows_of, fixed):
     """c = 0.5, γ = 0.5: rewards ±2, values within ±4, so V(s') = ln(e^9 + e^9) is cut to 4.
 
     The expert's row goes on and the learner's ends, alone, so that the state after it has the
@@ -39,8 +39,8 @@ def test_the_loss_by_hand(constant, rows_of, fixed: bool) -> None:
 
 @pytest.mark.parametrize(("own_ends", "value"), [(True, 2.0), (False, 4.0)])
 def test_the_absorbing_state_has_the_mean_reward_of_those_that_end_there(
-    constant, rows_of, own_ends: bool, value: float
-) -> None:
+    constant, rows_of, own_ends, value
+):
     """Three demonstrations end, and one own row or none: 2 (3 - 1) / 4 = 1, and 2; γ = 0.5."""
     expert = rows_of([0, 0, 0], [0.0] * 3)
     own = rows_of([0], [0.0], ending=int(Ending.ARRIVAL) if own_ends else 0)

@@ -14,7 +14,7 @@ from studies.compare_methods.baselines.offline import (
 )
 
 
-def test_the_responsibilities_are_bayes_rule(constant, bandit) -> None:
+def test_the_responsibilities_are_bayes_rule(constant, bandit):
     """Intentions take action 1 with chance 3/4 and 1/4; priors 1/2: the posterior is 3/4 or 1/4.
 
     With priors 0.9 and 0.1 it is 0.9 (3/4) / (0.9 (3/4) + 0.1 (1/4)) = 27/28.
@@ -32,7 +32,7 @@ def test_the_responsibilities_are_bayes_rule(constant, bandit) -> None:
     np.testing.assert_allclose(found[0], [27 / 28, 1 / 28], rtol=1e-5)
 
 
-def test_the_responsibilities_of_a_set_do_not_depend_on_the_others(constant, bandit) -> None:
+def test_the_responsibilities_of_a_set_do_not_depend_on_the_others(constant, bandit):
     """A shorter set beside a longer one: rows beyond its end belong to no episode of it."""
     short = bandit([1, 0], [0.0, 0.0], [1.0, 0.0])
     long = bandit([0, 0, 1, 1, 1], [0.0] * 5, [1.0] * 5)
@@ -44,7 +44,7 @@ def test_the_responsibilities_of_a_set_do_not_depend_on_the_others(constant, ban
     np.testing.assert_allclose(beside[:2], alone, rtol=1e-6)
 
 
-def test_one_intention_is_offline_iq_learn(constant, rows_of) -> None:
+def test_one_intention_is_offline_iq_learn(constant, rows_of):
     network, slow = constant(0.3, 1.1), constant(-0.4, 0.2)
     batch = rows_of([0, 1, 1], [1.0, 2.0, 3.0], ending=0)
     run = stack([IntentionHyperparameters(discount=0.9)])[0]
@@ -57,7 +57,7 @@ def test_one_intention_is_offline_iq_learn(constant, rows_of) -> None:
 
 
 @pytest.mark.parametrize(("angle", "best"), [(0.0, 2), (45.0, 1), (90.0, 1)])
-def test_an_intention_without_episodes_is_never_the_best(constant, angle, best) -> None:
+def test_an_intention_without_episodes_is_never_the_best(constant, angle, best):
     """Its totals are -inf, and 0 times -inf is NaN, which `argmax` takes for the largest."""
     totals = np.array([[-np.inf, -np.inf], [1.0, 3.0], [2.0, 0.0]])
     policies = tuple(QPolicy.of(constant(0.0, value), 1.0, {}) for value in (1.0, 2.0, 3.0))
@@ -65,7 +65,7 @@ def test_an_intention_without_episodes_is_never_the_best(constant, angle, best) 
 
 
 @pytest.mark.slow
-def test_two_intentions_are_told_apart_without_labels(demonstrations) -> None:
+def test_two_intentions_are_told_apart_without_labels(demonstrations):
     """Half of the episodes always take action 0, half action 1; each scores best at one angle."""
     import dataclasses
 

@@ -10,7 +10,7 @@ from studies.compare_methods.baselines.clones import (
 )
 
 
-def test_it_asks_for_the_outcome_that_scores_best(bandit) -> None:
+def test_it_asks_for_the_outcome_that_scores_best(bandit):
     """Action 0 comes to (1, 0) and action 1 to (0, 1): 0 degrees wants the first, 90 the second."""
     data = bandit([0, 1] * 10, [1.0, 0.0] * 10, [0.0, 1.0] * 10)
     static = settings.LearnerConfig(hidden=(16,), batch_size=16, updates=300)
@@ -23,7 +23,7 @@ def test_it_asks_for_the_outcome_that_scores_best(bandit) -> None:
         assert chances[action] > 0.9, angle
 
 
-def test_the_outcomes_are_the_episodes_totals(demonstrations) -> None:
+def test_the_outcomes_are_the_episodes_totals(demonstrations):
     data = demonstrations()
     totals = np.stack(data.totals(), axis=1)
     np.testing.assert_allclose(totals_of(data), totals)
@@ -32,7 +32,7 @@ def test_the_outcomes_are_the_episodes_totals(demonstrations) -> None:
     np.testing.assert_allclose(scaling(np.ones((3, 2)))[1], 1.0)
 
 
-def test_a_quantile_asks_for_a_lesser_outcome(bandit) -> None:
+def test_a_quantile_asks_for_a_lesser_outcome(bandit):
     data = bandit([0, 0, 1], [3.0, 2.0, 1.0], [0.0, 0.0, 0.0])
     static = settings.LearnerConfig(hidden=(), batch_size=4, updates=1)
     runs = [OutcomeHyperparameters(quantile=one) for one in (1.0, 0.0)]

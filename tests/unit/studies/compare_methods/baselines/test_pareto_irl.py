@@ -8,7 +8,7 @@ from socialiq.types import RewardPair
 from studies.compare_methods.baselines.online import Inferred, inferred_reward, inferring
 
 
-def test_the_inferred_reward_by_hand(constant, rows_of) -> None:
+def test_the_inferred_reward_by_hand(constant, rows_of):
     """Q = (1, 3), γ = 0.5, τ = 2: V = 2 ln(e^0.5 + e^1.5); 0 follows an end."""
     reward = Inferred(constant(1.0, 3.0), 2.0, 0.5)
     other = Inferred(constant(0.0, 0.0), 1.0, 0.5)
@@ -22,7 +22,7 @@ def test_the_inferred_reward_by_hand(constant, rows_of) -> None:
 
 
 @pytest.mark.parametrize("angle", [15.0, 45.0, 80.0])
-def test_the_score_is_the_reward_of_least_weighted_distance(angle: float) -> None:
+def test_the_score_is_the_reward_of_least_weighted_distance(angle):
     """argmin_r w_1 (r - r_1)² + w_2 (r - r_2)², but for the factor 1 / (w_1 + w_2)."""
     pair, direction = RewardPair(1.3, -0.4), weights(angle)
 

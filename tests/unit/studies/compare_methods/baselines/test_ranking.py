@@ -15,7 +15,7 @@ from studies.compare_methods.baselines.clones import (
 SOCIAL = RewardPair(jnp.zeros(()), jnp.ones(()))
 
 
-def test_levels_by_hand_with_a_tie_and_another_set(bandit) -> None:
+def test_levels_by_hand_with_a_tie_and_another_set(bandit):
     """Totals 5, 1, 3, 3, 0, 2 in three levels of two; the tie of 3 shares the better level."""
     first = bandit([0] * 6, [0.0] * 6, [5.0, 1.0, 3.0, 3.0, 0.0, 2.0])
     other = bandit([0] * 2, [0.0] * 2, [9.0, -9.0])
@@ -26,7 +26,7 @@ def test_levels_by_hand_with_a_tie_and_another_set(bandit) -> None:
     np.testing.assert_array_equal(episodes.levels(SOCIAL, jnp.array(1), 2)[6:], [0, 1])
 
 
-def test_the_best_rows_are_those_of_the_best_episodes(demonstrations) -> None:
+def test_the_best_rows_are_those_of_the_best_episodes(demonstrations):
     data = demonstrations(episodes=6)
     learner = DiscriminatorWeighted.of(DWBCConfig(parts=3, batch_size=400), [data])
     run = stack([DWBCHyperparameters(90.0)])[0]
@@ -37,7 +37,7 @@ def test_the_best_rows_are_those_of_the_best_episodes(demonstrations) -> None:
     np.testing.assert_array_equal(np.unique(np.asarray(drawn)), rows)
 
 
-def test_rows_of_episodes(demonstrations) -> None:
+def test_rows_of_episodes(demonstrations):
     data = demonstrations(episodes=3, length=4)
     shorter = data.select(np.array([1]))
     table = ExpertTable.of([data, shorter], "instantaneous", 1.0)
@@ -47,7 +47,7 @@ def test_rows_of_episodes(demonstrations) -> None:
     np.testing.assert_allclose(episodes.totals.env[1], data.totals().env[1], rtol=1e-5)
 
 
-def test_the_preference_loss_by_hand(rows_of) -> None:
+def test_the_preference_loss_by_hand(rows_of):
     """Learned sums 3 and 1, 0 and 2, 7 and 0; the third pair, of equal ranks, is left out.
 
     P(first) of the first pair is 1 / (1 + e^-2). The reward of action a is the observation times

@@ -25,7 +25,7 @@ def graded(batch, level: list[int]) -> Graded:
     return Graded(batch, jnp.array(level), Pairs(rows, inside, jnp.zeros(1)))
 
 
-def test_one_level_without_a_reference_is_offline_iq_learn(constant, rows_of) -> None:
+def test_one_level_without_a_reference_is_offline_iq_learn(constant, rows_of):
     """With λ = 0, β = 0 and a = 1 / (4 α_χ) the terms of Q are those of Eq 2.7 (value_expert)."""
     network, slow = constant(0.3, 1.1), constant(-0.4, 0.2)
     batch = rows_of([0, 1, 1], [1.0, 2.0, 3.0], ending=0)
@@ -42,14 +42,14 @@ def test_one_level_without_a_reference_is_offline_iq_learn(constant, rows_of) ->
     assert terms["reference"] == pytest.approx(0.0)
 
 
-def test_a_level_has_the_share_of_its_reference_reward() -> None:
+def test_a_level_has_the_share_of_its_reference_reward():
     """Means 0.8 and 0.2 over two rows and one: weights 0.4, 0.4 and 0.2."""
     found = row_weights(jnp.array([0.7, 0.9, 0.2]), jnp.array([0, 0, 1]), 3)
     np.testing.assert_allclose(found, [0.4, 0.4, 0.2], rtol=1e-6)
 
 
 @pytest.mark.slow
-def test_it_imitates_the_better_level(bandit) -> None:
+def test_it_imitates_the_better_level(bandit):
     data = bandit([0, 1] * 15, [0.0] * 30, [0.0, 1.0] * 15)
     static = SPRINQLConfig(hidden=(8,), batch_size=16, updates=600, levels=2)
     numbers = [SPRINQLHyperparameters(90.0, learning_rate=0.01, conservatism=0.1)]

@@ -17,7 +17,7 @@ from studies.compare_methods.baselines.online import (
 )
 
 
-def test_the_loss_by_hand(constant, rows_of) -> None:
+def test_the_loss_by_hand(constant, rows_of):
     """Learned rewards (1, -1); episodes of actions 0, 0 and 1: sums 2 and -1.
 
     One own row of action 0 with Q = 5, slow Q = (0, 0), γ = 0.5, τ = 1, λ = 2:
@@ -40,7 +40,7 @@ def test_the_loss_by_hand(constant, rows_of) -> None:
 
 
 @pytest.mark.slow
-def test_the_learned_reward_ranks_the_demonstrators(table5) -> None:
+def test_the_learned_reward_ranks_the_demonstrators(table5):
     """In the 5x5 world at 0 degrees: GGGG, WGGGG, WWWWGGGG, the shorter the better."""
     data = trajectory_datasets(table5, [0], 1)
     static = TREXConfig(hidden=(16,), batch_size=8, updates=300, prior="none")
