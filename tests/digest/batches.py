@@ -129,6 +129,8 @@ ROAD_OPTIONS: dict[str, tuple[dict[str, Any], ...]] = {
         {"observed_vehicles": 15},
         {"target_speeds": (0.0, 3.0, 6.0, 9.0)},
         {"duration": 8.0},
+        {"observation": "route"},
+        {"see_behind": True},
         {"progress_weight": 1.0, "yielding_weight": 0.5, "speed_cap": 3.0},
         {"left_hand": True},
     ),
@@ -145,6 +147,7 @@ ROAD_OPTIONS: dict[str, tuple[dict[str, Any], ...]] = {
         {"cyclist_rate": 0.3},
         {"observed_pedestrians": 2},
         {"destination": "straight"},
+        {"observation": "route"},
     ),
     "merge": (
         *NAMED,
@@ -152,8 +155,9 @@ ROAD_OPTIONS: dict[str, tuple[dict[str, Any], ...]] = {
         {"observed_vehicles": 3},
         {"policy_frequency": 5},
         {"left_hand": True},
+        {"observation": "route"},
     ),
-    "roundabout": (*NAMED, {"duration": 20.0}),
+    "roundabout": (*NAMED, {"duration": 20.0}, {"observation": "route"}),
     "two_way": (*NAMED, {"target_speeds": (20.0, 30.0)}),
 }
 """Other values of options of a road."""
