@@ -6,7 +6,6 @@ import pytest
 from socialiq.evaluation.branching import (
     branched_fleet_returns,
     branched_returns,
-    equivalent_actions,
 )
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.fleet import drive
@@ -61,7 +60,7 @@ def test_the_policys_own_action_gives_its_episode():
 def test_actions_that_select_one_speed_are_equivalent():
     """After SLOWER and some seconds at rest: SLOWER and IDLE both keep the target speed 0."""
     batch = batch_after((SLOWER,) * 4)
-    same = equivalent_actions(batch.save(), batch.options)
+    same = batch.equivalent_actions
     assert (same[:, SLOWER] == SLOWER).all()
     assert (same[:, IDLE] == SLOWER).mean() > 0.5
     assert (same[:, FASTER] == FASTER).all()

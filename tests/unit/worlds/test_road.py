@@ -12,7 +12,8 @@ from socialiq.worlds import grammar
 from socialiq.worlds.gym import observations_of
 from socialiq.worlds.highway.generated import Layout
 from socialiq.worlds.highway.render import decision_scenes, present_scene
-from socialiq.worlds.highway.views import Lanes, way_of
+from socialiq.worlds.highway.views import Lanes
+from socialiq.worlds.highway.ways import way_of
 from socialiq.worlds.intersection.generated import GeneratedOptions
 from socialiq.worlds.intersection.options import EXIT_DISTANCE
 

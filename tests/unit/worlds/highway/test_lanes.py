@@ -22,7 +22,8 @@ from socialiq.worlds.highway.scenes import (
     road_of,
     sight,
 )
-from socialiq.worlds.highway.views import LOWEST, WIDEST, way_of
+from socialiq.worlds.highway.views import LOWEST, WIDEST
+from socialiq.worlds.highway.ways import way_of
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.pictures import EGO, pixels
 
@@ -80,7 +81,7 @@ def bend():
 def test_lanes_are_asphalt_and_the_rest_is_grass(name):
     figure, axes = strip_of(world_of(name))
     frame = axes.get_xlim(), axes.get_ylim()[::-1]
-    places = {"merge": [(70.0, 0.0), (40.0, 14.5)], "roundabout": [(-20.0, 0.0), (2.0, -50.0)]}
+    places = {"merge": [(70.0, 0.0), (40.0, 14.5)], "roundabout": [(-20.0, 0.0), (50.0, 2.0)]}
     places["two_way"] = []  # the influence zone tints the whole road
     for x, y in places[name]:
         assert frame[0][0] < x < frame[0][1] and frame[1][0] < y < frame[1][1]

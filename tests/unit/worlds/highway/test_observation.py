@@ -12,7 +12,8 @@ import socialiq
 from socialiq.nn import view
 from socialiq.types import Ending
 from socialiq.worlds.highway import observation as schema
-from socialiq.worlds.highway.observation import EGO, LAYOUT, USER, USERS, line_of, names_of
+from socialiq.worlds.highway.observation import EGO, LAYOUT, USER, USERS, names_of
+from socialiq.worlds.highway.ways import line_of
 
 ROADS = (
     "intersection",
@@ -146,7 +147,7 @@ def test_closeness_to_people_is_that_of_its_definition():
         for row in range(batch.size):
             episode = batch.buffers.episodes[row]
             ego = batch.buffers.vehicles[row, episode["controlled"][0]]
-            line = batch._along._lines[batch._own()["way"][row]].points
+            line = batch._along._lines[batch._agents()["way"][row]].points
             nearest = np.hypot(line[:, 0] - ego["x"], line[:, 1] - ego["y"]).argmin()
             offset = np.array([ego["x"], ego["y"]]) - line[nearest, :2]
             coordinate = nearest + offset @ line[nearest, 2:]

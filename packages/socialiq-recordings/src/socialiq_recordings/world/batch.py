@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from socialiq.worlds.highway.along_route import AlongRoute
 from socialiq.worlds.highway.batch import RoadBatch
-from socialiq.worlds.highway.observation import OWN, AlongRoute, Line, line_of
+from socialiq.worlds.highway.observation import AGENT, Line
 from socialiq.worlds.highway.options import EPISODE as ROAD_EPISODE
 from socialiq.worlds.highway.options import Buffers, settings_of
 from socialiq_recordings.recording import GROUPS, PEOPLE
@@ -113,9 +114,9 @@ class JunctionBatch(RoadBatch):
         if options.along_route:
             self._along = AlongRoute(world.ego, world.max_speed)
 
-    def _own(self) -> np.ndarray:
+    def _agents(self) -> np.ndarray:
         assert self._along is not None
-        own = np.zeros(self.size, OWN)
+        own = np.zeros(self.size, AGENT)
         ways = self._egos_ways
         own["way"] = self._along.numbers(ways, lambda row: self._route(int(ways[row])))
         own["seconds_left"] = self.options.duration - self.clocks / self.options.policy_frequency
@@ -129,6 +130,8 @@ class JunctionBatch(RoadBatch):
 
     def _route(self, way: int) -> Line:
         """Return the route along a way, in the frame of rows: a line to the north."""
+        from socialiq.worlds.highway.ways import line_of  # imports Numba
+
         road = self.world.road
         origin = float(road.origin[way])
         length = float(np.diff(road.line_first[way : way + 2])[0] - 1)

@@ -213,9 +213,9 @@ class _Judged:
         return self._batch.observation
 
     @property
-    def shown(self) -> np.ndarray:
+    def shown_rows(self) -> np.ndarray:
         """Rows of road users that are shown."""
-        return self._batch.shown
+        return self._batch.shown_rows
 
     def seen_by(self, policy: Any) -> np.ndarray:
         """Return what a policy observes."""

@@ -79,7 +79,7 @@ def simulate(
         rows = shown_rows(simulator, observation)
         action = actor.decide(observation, running)
         result = simulator.step(action, auto_reset=False, rows=running)
-        reached = shown_rows(simulator, result.observation)
+        reached = shown_rows(simulator, getattr(result, "observation", None))
         yield Step(episode.copy(), running.copy(), observation, rows, action, result, reached)
         free = np.flatnonzero(running & _over(simulator, result.ending))
         begun = free[: max(len(queue) - following, 0)]
@@ -95,7 +95,7 @@ def shown_rows(simulator: Any, observation: Any) -> Any:
         simulator: Episodes side by side.
         observation: What they show policies.
     """
-    rows = getattr(simulator, "shown", observation)
+    rows = getattr(simulator, "shown_rows", observation)
     return observation if np.shape(rows) == np.shape(observation) else rows.copy()
 
 

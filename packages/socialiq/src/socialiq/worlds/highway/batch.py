@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float32, Int64, Integer
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.along_route import AlongRoute
 from socialiq.worlds.highway.effects import (
     ACCOUNT,
     BEGIN,
@@ -20,7 +21,6 @@ from socialiq.worlds.highway.effects import (
     record_of,
 )
 from socialiq.worlds.highway.effects import SIGNALS as EFFECT_SIGNALS
-from socialiq.worlds.highway.observation import AlongRoute
 from socialiq.worlds.highway.options import (
     DECIDE,
     DECIDE_AND_RESET,
@@ -215,7 +215,7 @@ class RoadBatch(abc.ABC):
         return ~self._waiting
 
     @property
-    def shown(self) -> Float32[np.ndarray, "result value"]:
+    def shown_rows(self) -> Float32[np.ndarray, "result value"]:
         """Rows of road users that every agent is shown, one after another."""
         return self.buffers.observation.reshape(len(self.buffers.ending), -1)
 
@@ -223,11 +223,11 @@ class RoadBatch(abc.ABC):
     def observation(self) -> Float32[np.ndarray, "*batch feature"]:
         """Current observation of every agent, zeros after it has left."""
         if self._along is None:
-            return self.shown.reshape(*self.shape, -1).copy()
-        return self._along(self.shown, self._own()).reshape(*self.shape, -1)
+            return self.shown_rows.reshape(*self.shape, -1).copy()
+        return self._along(self.shown_rows, self._agents()).reshape(*self.shape, -1)
 
-    def _own(self) -> np.ndarray:
-        """Return what every agent knows of itself, OWN records (result,)."""
+    def _agents(self) -> np.ndarray:
+        """Return what every agent knows of itself, AGENT records (result,)."""
         raise NotImplementedError
 
     @property
@@ -261,7 +261,11 @@ class RoadBatch(abc.ABC):
     def seen_by(self, policy: Any) -> Float32[np.ndarray, "*batch feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
         reads_rows = getattr(policy, "reads_rows", False)
-        flat = self.shown if reads_rows else self.observation.reshape(len(self.buffers.ending), -1)
+        flat = (
+            self.shown_rows
+            if reads_rows
+            else self.observation.reshape(len(self.buffers.ending), -1)
+        )
         for rows in self.options.narrow_rows:
             known = rows * len(FEATURES)
             if getattr(policy, "n_features", None) in (known, known + 1):

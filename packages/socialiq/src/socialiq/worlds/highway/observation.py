@@ -9,17 +9,11 @@ policy of it can drive on all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Integer
 
-from socialiq.worlds.highway.crossings import HALF_WIDTH
-from socialiq.worlds.highway.ego import EgoModel
-from socialiq.worlds.highway.network import APPROACH, EXIT, LANE
-from socialiq.worlds.highway.options import FEATURES
-from socialiq.worlds.highway.scenes import Road
 from socialiq.worlds.road_users import MOST_CLASSES, ON_FOOT, ROAD_USERS
 
 ROUTE = "route-1"
@@ -44,9 +38,8 @@ STRIPS = 6
 """Crosswalks and bicycle lanes of a route."""
 
 _VEHICLE_SIZE = 5.0, 2.0  # m, length and width that rows of vehicles stand for
-_CYCLE_PATH = 1.0  # m, half the width of a bicycle lane that a route crosses
-_FAR = 1e4  # m
-_SAME = 1e-6  # m, up to which points of a route coincide
+FAR = 1e4
+"""m, of what lies nowhere on a route."""
 
 
 class Column(NamedTuple):
@@ -143,7 +136,7 @@ COLUMN = np.dtype(
 )
 """Number of an observation as the kernel reads it."""
 
-OWN = np.dtype(
+AGENT = np.dtype(
     [
         ("way", np.int64),  # number of its route
         ("target_speed", np.float64),  # m/s
@@ -168,6 +161,14 @@ TASK = np.dtype(
     align=True,
 )
 """Task of a route."""
+
+
+class Line(NamedTuple):
+    """Route of an agent."""
+
+    points: np.ndarray  # each metre: x, y, cosine and sine, (point, 4)
+    task: np.ndarray  # TASK record
+
 
 MODEL = np.dtype(
     [
@@ -202,16 +203,16 @@ def names_of(columns: Sequence[Column]) -> list[str]:
     ]
 
 
-_EGO = table_of(EGO)
-_USER = table_of(USER)
+EGO_TABLE = table_of(EGO)
+USER_TABLE = table_of(USER)
 
-LAYOUT = len(_EGO), len(_USER)
+LAYOUT = len(EGO_TABLE), len(USER_TABLE)
 """Numbers of the ego, and of each road user."""
 
-N_FEATURES = len(_EGO) + USERS * len(_USER)
+N_FEATURES = len(EGO_TABLE) + USERS * len(USER_TABLE)
 """Length of an observation of the schema `route`."""
 
-HIGHEST = float(max(_EGO["high"].max(), _USER["high"].max()))
+HIGHEST = float(max(EGO_TABLE["high"].max(), USER_TABLE["high"].max()))
 """Largest absolute value of a number of the schema `route`."""
 
 
@@ -224,155 +225,4 @@ def _class_sizes() -> np.ndarray:
     return table
 
 
-_CLASSES = _class_sizes()
-
-
-class Line(NamedTuple):
-    """Route of an agent."""
-
-    points: np.ndarray  # each metre: x, y, cosine and sine, (point, 4)
-    task: np.ndarray  # TASK record
-
-
-def line_of(points: np.ndarray, conflict: float, behind: float, arrival: float) -> Line:
-    """Return a route along points, without priority and strips.
-
-    Args:
-        points: Points (x, y), m, (point, 2); some may coincide.
-        conflict: Coordinate at which the place begins where ways meet, m.
-        behind: Coordinate at which it ends, m.
-        arrival: Coordinate of arrival, m.
-    """
-    apart = np.hypot(*np.diff(points, axis=0).T)
-    distinct = points[np.append(True, apart > _SAME)]
-    along = np.append(0.0, np.hypot(*np.diff(distinct, axis=0).T).cumsum())
-    at = np.arange(0.0, along[-1] + POINT / 2, POINT)
-    line = np.stack([np.interp(at, along, axis) for axis in distinct.T], axis=-1)
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.hypot(*tangent.T)[:, None]
-    task = np.zeros((), TASK)
-    task["conflict"], task["behind"], task["arrival"] = conflict, behind, arrival
-    task["strips"] = _FAR
-    return Line(np.concatenate([line, tangent], axis=1), task)
-
-
-def route_of(ego: np.void, road: Road, walks: bool) -> Line:
-    """Return the route of an agent of a road.
-
-    Args:
-        ego: Record of its vehicle.
-        road: Tables of the road.
-        walks: Whether people cross, so that their strips are observed.
-    """
-    from socialiq.worlds.highway import shapes, views  # import Numba
-
-    numbers = views.way_of(ego, road)
-    lanes = road.lanes[numbers]
-    ways = [shapes.way(lane) for lane in lanes]
-    points = np.concatenate(ways)
-    metres = np.append(0.0, np.hypot(*np.diff(points, axis=0).T).cumsum())
-    begins = metres[np.append(0, np.cumsum([len(way) for way in ways])[:-1])]
-    met = np.flatnonzero((lanes["kind"] > APPROACH) & (lanes["kind"] < EXIT))
-    exits = np.flatnonzero(lanes["kind"] == EXIT)
-    conflict = float(begins[met[0]]) if len(met) else 0.0
-    behind = arrival = float(metres[-1])
-    if len(exits):
-        behind = float(begins[exits[0]])
-    last = views.arrival_lane(numbers, road)
-    if last is not None:
-        end = shapes.way(lanes[last], end=float(road.sight[0]["arrival"]))
-        arrival = float(begins[last] + np.hypot(*np.diff(end, axis=0).T).sum())
-    line = line_of(points, conflict, behind, arrival)
-    line.task["priority"] = lanes["priority"][met[0]] if len(met) else 0.0
-    if walks:
-        strips = _strips(line.points, road)[:STRIPS]
-        line.task["strips"][: len(strips)] = strips
-    return line
-
-
-def _strips(points: np.ndarray, road: Road) -> np.ndarray:
-    """Return where ways of people cross a route, its coordinates of begin and end, m, rising."""
-    strips = list[tuple[float, float]]()
-    for way in road.crossings.ways:
-        dx = points[:, 0] - way["x"]
-        dy = points[:, 1] - way["y"]
-        along = dx * way["along_x"] + dy * way["along_y"]
-        aside = dy * way["along_x"] - dx * way["along_y"]
-        half = HALF_WIDTH if way["motion"] == ON_FOOT else _CYCLE_PATH
-        crosses = np.flatnonzero((np.diff(np.sign(aside)) != 0) & (np.abs(along[1:]) < way["half"]))
-        strips += [(number * POINT - half, number * POINT + half) for number in crosses.tolist()]
-    return np.array(sorted(set(strips))).reshape(-1, 2)
-
-
-class AlongRoute:
-    """Schema `route` of a world: what agents observe, from their rows and what they know."""
-
-    n_features = N_FEATURES
-
-    def __init__(self, model: EgoModel, fastest: float, road: Road | None = None) -> None:
-        """Make the schema of a world.
-
-        Args:
-            model: Scales of the rows, which are absolute, and speed control of the ego.
-            fastest: Fastest target speed, m/s.
-            road: Map around the routes; None: others are predicted straight on.
-        """
-        self._map = np.zeros(0, LANE), np.full((0, 1), -1)
-        if road is not None:
-            self._map = road.lanes, road.successors
-        self._lines = list[Line]()
-        self._numbers = np.zeros(0, np.int64)  # of a route, by key; -1: none yet
-        self._routes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        slowest = 0.0 if model.accelerates else model.speeds[0]
-        count = len(model.speeds)
-        control = model.accelerates, slowest, fastest, (fastest - slowest) / (count - 1), count
-        highest = max(model.changes)
-        lowest = -highest if len(model.changes) == 1 else min(model.changes)
-        self._model = np.array([(*model.units, *control, lowest, highest)], MODEL)
-
-    def numbers(
-        self, keys: Integer[np.ndarray, " agent"], line: Callable[[int], Line]
-    ) -> Integer[np.ndarray, " agent"]:
-        """Return the number of the route of each agent; routes of new keys are made.
-
-        Args:
-            keys: Whole number of at least 0 that the route of each agent depends on.
-            line: Makes the route of an agent.
-        """
-        if len(self._numbers) <= keys.max():
-            more = np.full(int(keys.max()) + 1 - len(self._numbers), -1)
-            self._numbers = np.append(self._numbers, more)
-        for at in np.flatnonzero(self._numbers[keys] < 0).tolist():
-            if self._numbers[keys[at]] < 0:
-                self._numbers[keys[at]] = len(self._lines)
-                self._lines.append(line(at))
-                self._routes = None
-        return self._numbers[keys]
-
-    def __call__(
-        self, rows: Float32[np.ndarray, "agent value"], own: np.ndarray
-    ) -> Float32[np.ndarray, "agent feature"]:
-        """Return observations; zeros of agents that have left.
-
-        Args:
-            rows: Rows that each agent is shown, one after another.
-            own: OWN record of each agent.
-        """
-        from socialiq.worlds.highway.core import along_route  # imports Numba
-        from socialiq.worlds.highway.core.compile import run_in_parts
-
-        out = np.zeros((len(rows), N_FEATURES), np.float32)
-        if self._routes is None:
-            self._routes = self._stacked()
-        shown = np.ascontiguousarray(rows.reshape(len(rows), -1, len(FEATURES)))
-        tables = self._routes, *self._map, _CLASSES, self._model, (_EGO, _USER)
-        run_in_parts(along_route.run, 1, len(rows), shown, own, *tables, out)
-        return out
-
-    def _stacked(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return points of all routes, (route, point, 4), their lengths, and TASK records."""
-        lengths = np.array([len(line.points) for line in self._lines])
-        points = np.zeros((len(lengths), lengths.max(), 4))
-        for row, line in zip(points, self._lines, strict=True):
-            row[: len(line.points)] = line.points
-        return points, lengths, np.array([line.task for line in self._lines], TASK)
+CLASS_SIZES = _class_sizes()

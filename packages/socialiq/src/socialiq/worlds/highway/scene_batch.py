@@ -12,10 +12,11 @@ from jaxtyping import Bool, Float, Int64
 from socialiq.errors import UserError, one_of
 from socialiq.types import RewardPair
 from socialiq.worlds.highway import people
+from socialiq.worlds.highway.along_route import AlongRoute
 from socialiq.worlds.highway.batch import RoadBatch, State
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.ego import EgoModel
-from socialiq.worlds.highway.observation import OWN, AlongRoute, route_of
+from socialiq.worlds.highway.observation import AGENT
 from socialiq.worlds.highway.options import (
     ACCELERATION_RANGE,
     SIGNALS,
@@ -40,8 +41,8 @@ def along_route_of(scene: Scene, options: RoadOptions) -> AlongRoute:
     return AlongRoute(model, options.max_speed, scene.road)
 
 
-def own_of(schema: AlongRoute, agents: np.ndarray, scene: Scene, walks: bool) -> np.ndarray:
-    """Return what agents know of themselves by their records, OWN records.
+def agents_of(schema: AlongRoute, agents: np.ndarray, scene: Scene, walks: bool) -> np.ndarray:
+    """Return what agents know of themselves by their records, AGENT records.
 
     Args:
         schema: Schema along the route, whose routes are made where they are new.
@@ -49,7 +50,9 @@ def own_of(schema: AlongRoute, agents: np.ndarray, scene: Scene, walks: bool) ->
         scene: The scene.
         walks: Whether people cross.
     """
-    own = np.zeros(len(agents), OWN)
+    from socialiq.worlds.highway.ways import route_of  # imports Numba
+
+    own = np.zeros(len(agents), AGENT)
     table = scene.road.routes.shape[1], len(scene.road.lanes)
     keys = (agents["route"] + 1) * table[0] + agents["destination"] + 1
     keys = keys * table[1] + agents["target_lane"]
@@ -137,14 +140,14 @@ class Batch(RoadBatch):
             actions = np.zeros(len(actions), np.int64)
         super()._run(command, seeds, seeded, actions)
 
-    def _own(self) -> np.ndarray:
+    def _agents(self) -> np.ndarray:
         assert self._along is not None
         buffers = self.buffers
         rows = np.arange(self.size)[:, None]
         controlled = buffers.episodes["controlled"][:, : self.options.agents]
         left = buffers.after[rows, buffers.present[:, 1:]]  # as it was when it left
         agents = np.where(controlled >= 0, buffers.vehicles[rows, controlled], left)
-        own = own_of(self._along, agents.reshape(-1), self.scene, self.walks is not None)
+        own = agents_of(self._along, agents.reshape(-1), self.scene, self.walks is not None)
         own["seconds_left"] = self.options.duration - self.clocks / self.options.policy_frequency
         if self._settings["own_frame"][0]:
             own["cos"], own["sin"] = self.road.frames[agents["origin"].ravel()].T

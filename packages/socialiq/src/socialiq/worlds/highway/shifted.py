@@ -58,7 +58,7 @@ class ShiftedBatch(RoadBatch):
         return (self._late > 0).reshape(self.shape)
 
     @property
-    def shown(self) -> Float32[np.ndarray, "result value"]:
+    def shown_rows(self) -> Float32[np.ndarray, "result value"]:
         """Rows of road users that every agent is shown, with faults."""
         return self._shown
 

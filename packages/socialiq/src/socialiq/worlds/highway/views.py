@@ -12,6 +12,7 @@ from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.traffic import AGENT_AT
 from socialiq.worlds.highway.network import APPROACH, CONFLICT, EXIT, LANE_WIDTH
 from socialiq.worlds.highway.render import Frame, Scene
+from socialiq.worlds.highway.ways import arrival_lane, way_of
 
 WIDEST = 130.0  # m of the road in a picture
 LOWEST = 30.0  # m
@@ -139,74 +140,3 @@ class Lanes:
             return ways
         arrival = float(self._road.sight[0]["arrival"])
         return [*ways[:last], shapes.way(self._road.lanes[numbers[last]], end=arrival)]
-
-
-def arrival_lane(numbers: list[int], road: tables.Road) -> int | None:
-    """Return the place in a way of the lane on which an ego arrives; None: it never does.
-
-    It is the first exit that is long enough, as `core.drivers.arrived` counts.
-
-    Args:
-        numbers: Lanes of the way, by number.
-        road: Tables of the scene.
-    """
-    lanes = road.lanes[numbers]
-    arrives = (lanes["kind"] == EXIT) & (lanes["length"] > road.sight[0]["arrival"])
-    return int(arrives.argmax()) if arrives.any() else None
-
-
-def way_of(ego: np.void, road: tables.Road) -> list[int]:
-    """Return the lanes of the ego's way from its entry on, by number.
-
-    The roads are those of its route. Without a route each is followed by the first of its
-    successors, until one would come back. On the road of the ego's target lane the way takes this
-    lane; on another road it takes the lane of the same number, or the lane that begins next to the
-    end of the one before.
-
-    Args:
-        ego: Record of the ego.
-        road: Tables of the scene.
-    """
-    lanes = road.lanes
-    target = int(ego["target_lane"])
-    planned = ego["route"] >= 0
-    first = road.routes[ego["route"], ego["destination"], 0] if planned else road.entries[0]["lane"]
-    way = [int(first)]
-    firsts = [int(lanes[way[0]]["first"])]
-    if planned:
-        route = road.routes[ego["route"], ego["destination"]].tolist()
-        firsts += [first for first in route[1:] if first >= 0]
-        for first in _followed(firsts[-1], road)[1:]:  # behind the destination
-            if lanes[first]["kind"] != EXIT:
-                break
-            firsts.append(first)
-    else:
-        firsts = _followed(firsts[0], road)
-        if lanes[target]["first"] not in firsts:  # it entered elsewhere
-            firsts = _followed(int(lanes[target]["first"]), road)
-            way = [target]
-    if firsts[0] == lanes[target]["first"]:
-        way = [target]
-    for first in firsts[1:]:
-        before = lanes[way[-1]]
-        beside = np.arange(first, first + lanes[first]["lanes"])
-        if lanes[target]["first"] == first:
-            way.append(target)
-        elif before["lanes"] == len(beside):
-            way.append(int(beside[before["number"]]))
-        else:
-            end = shapes.way(before)[-1]
-            apart = [float(np.hypot(*(shapes.way(lanes[n])[0] - end))) for n in beside]
-            way.append(int(beside[int(np.argmin(apart))]))
-    return way
-
-
-def _followed(first: int, road: tables.Road) -> list[int]:
-    """Return the first lanes of a road and of each first successor, until one would come back."""
-    lanes = road.lanes
-    firsts = [first]
-    while (first := int(road.successors[lanes[first]["road"], 0])) not in (-1, *firsts):
-        if lanes[first]["end"] == lanes[firsts[-1]]["start"]:  # the way back
-            break
-        firsts.append(first)
-    return firsts

@@ -122,12 +122,12 @@ def targets(speed, keep, model, reached):
 
 
 @inlined_kernel
-def _write_ego(ego, own, route, way, reached, model, count, out):
+def _write_ego(ego, agent, route, way, reached, model, count, out):
     """Write the quantities of the ego; see `observation.EGO`.
 
     Args:
         ego: Numbers of `_read`.
-        own: OWN record.
+        agent: AGENT record.
         route: Nearest point of the route, the way along it and the side, m.
         way: Points of the route, its TASK record, and its last point.
         reached: Speeds of `targets`.
@@ -143,9 +143,9 @@ def _write_ego(ego, own, route, way, reached, model, count, out):
     for motion in range(_MOTIONS):
         out[2 + motion] = reached[motion] - speed
     out[5] = model.fastest
-    out[6] = own.seconds_left
+    out[6] = agent.seconds_left
     arrival = task.arrival - along
-    out[7] = own.seconds_left - max(arrival, 0.0) / model.fastest
+    out[7] = agent.seconds_left - max(arrival, 0.0) / model.fastest
     out[8] = task.conflict - along
     out[9] = task.behind - along
     out[10] = arrival
@@ -153,8 +153,8 @@ def _write_ego(ego, own, route, way, reached, model, count, out):
     out[12] = beside
     out[13] = ego[3] * points[number, 2] - ego[2] * points[number, 3]
     out[14] = count
-    out[15] = own.left
-    out[16] = own.right
+    out[15] = agent.left
+    out[16] = agent.right
     written = 17
     for ahead in AHEAD:
         _, _, cos, sin = _point(points, last, along + ahead)
@@ -222,7 +222,7 @@ def _close(x, y, reached, ego, way, along, second, model, half_width):
 
 
 @inlined_kernel
-def _write_closeness(user, half_width, ego, along, way, road, place, reached, model, out):
+def _write_closeness(user, half_width, ego, along, way, road, on_route, reached, model, out):
     """Write the closeness by motion and second, then the mean metres ahead by motion.
 
     A road user that follows the ego's route is predicted along it; one on another lane along this
@@ -235,13 +235,13 @@ def _write_closeness(user, half_width, ego, along, way, road, place, reached, mo
         along: The ego's coordinate on its route, m.
         way: Points of the route and the last one.
         road: LANE records, and the first lanes of the roads that follow each road.
-        place: Coordinate on the ego's route and the side, m; whether it follows the route; its lane
-            or -1, and the coordinate along that.
+        on_route: Coordinate on the ego's route and the side, m; whether it follows the route; its
+            lane or -1, and the coordinate along that.
         reached: Speeds of `targets`.
         model: MODEL record.
         out: Quantities that are written, zeros before.
     """
-    user_along, beside, follows, lane, on_lane = place
+    user_along, beside, follows, lane, on_lane = on_route
     points, last = way
     lanes, successors = road
     for number, second in enumerate(SECONDS):
@@ -353,8 +353,8 @@ def _write_user(user, kind, size, ego, route, way, task, road, reached, model, o
             out[22] = 1.0 - min(seconds / 6.0, 1.0)
             if seconds < 12.0:
                 out[23] = clip(seconds - to_there / max(ego[4], _LEAST_SPEED), -3.0, 3.0)
-    place = user_along, beside, follows, lane, on_lane
-    _write_closeness(user, half_width, ego, along, way, road, place, reached, model, out[24:])
+    on_route = user_along, beside, follows, lane, on_lane
+    _write_closeness(user, half_width, ego, along, way, road, on_route, reached, model, out[24:])
 
 
 @kernel
@@ -368,7 +368,7 @@ def _scaled(quantities, columns, out):
 
 def _entry(sources: int):
     @allocating_entry_point
-    def run(rows, own, routes, lanes, successors, classes, models, columns, out, first, end):
+    def run(rows, agents, routes, lanes, successors, classes, models, columns, out, first, end):
         points, lengths, tasks = routes
         of_ego, of_user = columns
         model = models[0]
@@ -382,19 +382,19 @@ def _entry(sources: int):
             out[row] = 0.0
             if rows[row, 0, 0] == 0.0:
                 continue
-            mine = own[row]
-            way = points[mine.way]
-            last = lengths[mine.way] - 1
-            task = tasks[mine.way]
+            agent = agents[row]
+            way = points[agent.way]
+            last = lengths[agent.way] - 1
+            task = tasks[agent.way]
             ego = users[0]
-            _read(rows[row, 0], model, mine.cos, mine.sin, ego)
+            _read(rows[row, 0], model, agent.cos, agent.sin, ego)
             visible = 0
             for slot in range(1, rows.shape[1]):
                 if rows[row, slot, 0] == 0.0:
                     continue
                 if max(abs(rows[row, slot, 1]), abs(rows[row, slot, 2])) >= 1.0:  # it is clipped
                     continue
-                _read(rows[row, slot], model, mine.cos, mine.sin, users[slot])
+                _read(rows[row, slot], model, agent.cos, agent.sin, users[slot])
                 apart = geometry.distance(users[slot, 0], users[slot, 1], ego[0], ego[1])
                 if apart > RANGE:
                     continue
@@ -407,8 +407,8 @@ def _entry(sources: int):
                 distances[rank] = apart
                 visible += 1
             route = _projected(way, ego[0], ego[1], 0, last)
-            targets(ego[4], mine.target_speed, model, reached)
-            _write_ego(ego, mine, route, (way, task, last), reached, model, visible, quantities)
+            targets(ego[4], agent.target_speed, model, reached)
+            _write_ego(ego, agent, route, (way, task, last), reached, model, visible, quantities)
             _scaled(quantities, of_ego, out[row])
             for place in range(min(visible, most)):
                 slot = nearest[place]
@@ -431,7 +431,7 @@ run: Any = _entry(fingerprint(__file__))
 
 Args:
     rows: Rows of road users that each agent is shown, float32 (agent, row, 7).
-    own: OWN record of each agent.
+    agents: AGENT record of each agent.
     routes: Points, lengths and TASK records of the routes.
     lanes: LANE records of the map; none: others are predicted straight on.
     successors: First lanes of the roads that follow each road, (road, most).
