@@ -30,10 +30,11 @@ class Interface(NamedTuple):
     def of(world: Any) -> Interface:
         """Return the interface of a world of actions that are `Discrete`, or a `Box` in [-1, 1]."""
         space = world.action_space
+        schema = getattr(world, "schema", "")
         if isinstance(space, spaces.Box):
-            return Interface(world.n_features, 0, int(space.shape[0]), world.schema)
+            return Interface(world.n_features, 0, int(space.shape[0]), schema)
         assert isinstance(space, spaces.Discrete)
-        return Interface(world.n_features, int(space.n), schema=world.schema)
+        return Interface(world.n_features, int(space.n), schema=schema)
 
     def as_json(self) -> dict[str, Any]:
         """Return the sizes by name, and the schema of observations other than rows."""

@@ -88,7 +88,9 @@ def changed_options(options: RoadOptions, changes: Mapping[str, Any]) -> Any:
     if all(isinstance(options, part) for part in asked):
         return dataclasses.replace(options, **changes)
     parts = tuple(part for part in PARTS if part in asked or isinstance(options, part))
-    return kind_with(RoadOptions, parts)(**{**vars(options), **changes})
+    kinds = [kind for kind in type(options).__mro__ if issubclass(kind, RoadOptions)]
+    plain = next(kind for kind in kinds if kind.__module__ != __name__)
+    return kind_with(plain, parts)(**{**vars(options), **changes})
 
 
 def _with_values(
