@@ -67,3 +67,12 @@ def test_records_name_a_schema_other_than_rows():
     route = Interface(674, 5, schema="route-1")
     assert Interface.of_json(route.as_json()) == route
     assert "schema" not in Interface(70, 3, schema="rows-1").as_json()
+
+
+def test_an_audit_drives_along_the_route(policy, tmp_path, capsys):
+    profile = tmp_path / "profile.toml"
+    assert main(["profile", "new", "--world", ROUTE, "--angle", "45", "--out", str(profile)]) == 0
+    words = ["--profile", str(profile), "--episodes", "30", "--out", str(tmp_path / "report")]
+    assert main(["audit", str(policy), *words]) in (0, 1)
+    assert "observation" in (tmp_path / "report" / "report.json").read_text()
+    assert "along the route" not in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -323,3 +324,15 @@ def test_strips_lie_where_people_cross():
     metres = 40 * ego["to_next_strip_40"]
     conflict = 60 * ego["to_conflict_60"]
     assert (metres < conflict).all() and (metres > conflict - 10).all()
+
+
+@pytest.mark.parametrize("columns", [EGO, USER], ids=["ego", "user"])
+def test_the_page_has_every_column_in_order(columns):
+    """docs/observation.md lists name, unit, meaning, scales and largest value of each column."""
+    rows = [
+        f"| `{column.name}` | {column.unit} | {column.meaning} "
+        f"| {', '.join(f'{scale:g}' for scale, *_ in column.scales)} | {column.scales[0][2]:g} |"
+        for column in columns
+    ]
+    page = (Path(__file__).parents[4] / "docs" / "observation.md").read_text()
+    assert "\n".join(rows) in page

@@ -27,7 +27,7 @@ from socialiq.audit.request import References, Request, resolve_policy
 from socialiq.errors import UserError
 from socialiq.evaluation import parts
 from socialiq.evaluation.episodes import CONFLICT_SECONDS
-from socialiq.evaluation.simulate import SoftPolicy
+from socialiq.evaluation.simulate import SoftPolicy, shown_rows
 from socialiq.learners.callbacks import Report
 from socialiq.policies.interface import Loaded
 from socialiq.types import Policy
@@ -304,7 +304,8 @@ def strata_of(course: drive.Course) -> dict[str, np.ndarray]:
     blocks = []
     for first in range(0, len(seeds), batch.size):
         block = seeds[first : first + batch.size]
-        blocks.append(label(batch.reset(block, rows=np.arange(len(block)))[: len(block)]))
+        observation = batch.reset(block, rows=np.arange(len(block)))
+        blocks.append(label(shown_rows(batch, observation)[: len(block)]))
     return {
         stratification: np.concatenate([labels[stratification] for labels in blocks])
         for stratification in blocks[0]
