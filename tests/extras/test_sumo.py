@@ -23,8 +23,10 @@ from socialiq.errors import UserError
 from socialiq.evaluation.effects import sums_in
 from socialiq.evaluation.shield import shielded
 from socialiq.isolation import isolation_of
+from socialiq.worlds.highway import observation as observation_columns
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make
+from socialiq.worlds.sumo.gym import SumoEnv
 from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import NETS
 from socialiq.worlds.sumo.simulation import Body, Episode, gap_ahead
@@ -339,3 +341,40 @@ def test_the_commands_take_a_shield_and_a_fallback_in_sumo(tmp_path, capsys):
         rewards.append(row["r_env"])
     assert 0.0 < row["fallback"] < 1.0
     assert len({*rewards}) == 3
+
+
+@pytest.mark.parametrize("net", ["crossing", "row"])
+def test_the_observation_along_the_route_leads_to_the_arrival(net):
+    """`to_arrival` falls by the metres driven and passes 0 in the decision of the arrival."""
+    env = SumoEnv(net, observation="route")
+    columns = observation_columns.names_of(observation_columns.EGO)
+    at = columns.index("to_arrival_60"), columns.index("speed"), columns.index("beside")
+    observation, _ = env.reset(seed=3)
+    left = observation[at[0]]
+    for _ in range(20):
+        assert env.observation_space.contains(observation)
+        assert abs(4 * observation[at[2]]) < 2.0  # inside of the bend
+        observation, _, terminated, truncated, info = env.step(2)
+        after = observation[at[0]]
+        if left < 1:
+            assert 60 * (left - after) == pytest.approx(10 * observation[at[1]], abs=1.5)
+        left = after
+        if terminated or truncated:
+            break
+        assert left > 0
+    assert info["ending"] == "arrival" and left <= 0
+
+
+def test_pedestrians_and_bicycles_are_observed_along_the_route():
+    env = SumoEnv("crossing", observation="route", pedestrian_rate=1.0, bicycle_rate=0.5)
+    names = observation_columns.names_of(observation_columns.USER)
+    ego, user = observation_columns.LAYOUT
+    classes = [names.index(name) for name in ("vehicle", "on_foot", "rides")]
+    counts = np.zeros(3)
+    for seed in range(3):
+        observation, _ = env.reset(seed=seed)
+        counts += observation[ego:].reshape(-1, user)[:, classes].sum(axis=0)
+    assert (counts > 0).all()
+    assert env.action_space.n == 5
+    observation = env.step(3)[0]  # a change of lanes keeps the target speed
+    assert env.observation_space.contains(observation)

@@ -184,8 +184,8 @@ def test_the_bounds_of_actions_are_part_of_the_scenario(folder):
     found = json.loads(narrow.description)
     assert found["action_bounds"] == {"low": [-0.5], "high": [0.5]} and "n_actions" not in found
     assert narrow.description != wide.description
-    assert Interface.of(narrow) == Interface(2, 0, 1)
-    assert Interface.of(world_of("intersection", {})) == Interface(70, 3)
+    assert Interface.of(narrow) == Interface(2, 0, 1, "rows-1")
+    assert Interface.of(world_of("intersection", {})) == Interface(70, 3, schema="rows-1")
 
 
 def test_random_actions_are_those_of_the_episode(folder):

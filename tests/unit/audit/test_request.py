@@ -82,7 +82,7 @@ def test_the_atlas_has_entries_for_each_kind_of_actions():
     steered = make("intersection-continuous")
     one = resolve_policy("atlas:expert_egoistic", steered, 0.0, Trust())
     # Its networks see the time.
-    assert one.record.interface == Interface(JUNCTION.n_features + 1, 0, 1)
+    assert one.record.interface == Interface(JUNCTION.n_features + 1, 0, 1, "rows-1")
     with pytest.raises(UserError, match=r"'prosocial': choose one of expert_egoistic, [^s]"):
         resolve_policy("atlas:prosocial", steered, 0.0, Trust())
 

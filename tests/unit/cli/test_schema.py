@@ -76,3 +76,15 @@ def test_an_audit_drives_along_the_route(policy, tmp_path, capsys):
     assert main(["audit", str(policy), *words]) in (0, 1)
     assert "observation" in (tmp_path / "report" / "report.json").read_text()
     assert "along the route" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("world", ["merge", "intersection,people=0.1"])
+def test_a_rule_reads_rows_whatever_policies_observe(world, capsys):
+    """With 16 rows and those behind, a rule drives the same episodes as along the route."""
+    means = []
+    for words in ("observation=route", "observed_vehicles=16,see_behind=true"):
+        capsys.readouterr()
+        arguments = ["evaluate", "idm", "--world", f"{world},{words}", "--episodes", "20", "--json"]
+        assert main(arguments) == 0
+        means.append(json.loads(capsys.readouterr().out)["r_env"])
+    assert means[0] == pytest.approx(means[1], abs=1e-6)

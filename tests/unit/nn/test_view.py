@@ -1,5 +1,6 @@
 """Views of a list of vehicles: invariances, and the relative columns by hand."""
 
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx

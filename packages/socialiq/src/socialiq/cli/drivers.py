@@ -23,7 +23,7 @@ from socialiq.policies import drivers
 from socialiq.policies.interface import Interface, Loaded
 from socialiq.policies.load import load_policy, name_of
 from socialiq.storage import kind_of
-from socialiq.types import Policy
+from socialiq.types import ROWS, Policy
 from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, sizes
@@ -154,7 +154,10 @@ def driver_in(
         clock: Whether a policy may take the time too.
     """
     if written.in_sumo:
-        return driver_of(text, grammar.build(catalogue.INTERSECTION), angle, allow_code, seed)
+        shows_route = getattr(env.unwrapped, "schema", ROWS) != ROWS
+        schema = {"observation": "route"} if shows_route else {}
+        like = grammar.build(catalogue.INTERSECTION, schema)
+        return driver_of(text, like, angle, allow_code, seed)
     world: Any = getattr(env.unwrapped, "world", None)
     driver = drivers.parse(text)
     if isinstance(world, World) and (world.is_exact or drivers.is_word(driver.spec)):

@@ -175,7 +175,8 @@ class EffectsOf(Printing):
         """Return a row for each driver in SUMO, with delays by class; append episodes."""
         options = self.measured()
         rows = list[Row]()
-        say(UNSEEN)
+        if written.options.get("observation") != "route":
+            say(UNSEEN)
         seeds = np.arange(self.seed, self.seed + self.episodes)
         layout = make(INTERSECTION)
         read = functools.partial(driver_of, world=layout)

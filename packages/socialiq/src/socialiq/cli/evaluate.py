@@ -244,7 +244,7 @@ class Evaluate(Printing):
         In parts environment and policy must keep no memory from one episode to the next, as
         Gymnasium's `reset(seed=...)` promises.
         """
-        if written.in_sumo:
+        if written.in_sumo and written.options.get("observation") != "route":
             say(UNSEEN)
         settings = (written, policy, self.angle, self.allow_code)
         settings = (*settings, self.soft, self.road)

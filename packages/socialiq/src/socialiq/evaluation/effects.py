@@ -179,7 +179,8 @@ def sums_in(
         "r_caused": DECISION["r_social"],
         "": DECISION["signal"],
     }
-    steps = simulate(GymSimulator(env), GymActor(policy), seeds)
+    simulator = GymSimulator(env)
+    steps = simulate(simulator, GymActor(policy, simulator=simulator), seeds)
     results = columns_of(steps, len(seeds), quantities)
     del results["contact"]
     return Episodes(results, ending=results.pop("ending"))

@@ -265,9 +265,9 @@ def rollout_env(
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
     seeds = np.arange(seed, seed + episodes)
-    steps = list(
-        simulate(simulation.GymSimulator(env), simulation.GymActor(policy, deterministic), seeds)
-    )
+    simulator = simulation.GymSimulator(env)
+    actor = simulation.GymActor(policy, deterministic, simulator)
+    steps = list(simulate(simulator, actor, seeds))
     space = env.action_space
     pairs = np.array([step.made.rewards for step in steps], np.float64)
     transitions = Demonstrations.of(

@@ -416,7 +416,10 @@ class ScriptedActor(_Stateless):
 class GymActor:
     """A policy that gets one observation at a time, and keeps a state of its episode."""
 
-    def __init__(self, policy: Policy, deterministic: bool = True) -> None:
+    def __init__(
+        self, policy: Policy, deterministic: bool = True, simulator: GymSimulator | None = None
+    ) -> None:
+        self._simulator = simulator
         self._policy = policy
         self._deterministic = deterministic
         self._state = None
@@ -434,9 +437,12 @@ class GymActor:
         """Return the policy's action on the one row.
 
         Args:
-            observation: List with the one observation.
+            observation: List with the one observation; not used with a simulator, whose `seen_by`
+                tells what the policy is shown.
             running: Not used.
         """
+        if self._simulator is not None:
+            observation = self._simulator.seen_by(self._policy)
         action, self._state = self._policy.predict(
             observation[0], self._state, deterministic=self._deterministic
         )
@@ -491,8 +497,11 @@ class GymSimulator:
         """The observation as the environment gave it, in a list of one."""
         return [self._present]
 
-    def seen_by(self, policy: Any) -> list[Any]:  # noqa: ARG002  the environment shows the time
-        """Return the observation."""
+    def seen_by(self, policy: Any) -> list[Any]:
+        """Return the observation, or rows of road users to a policy that reads them."""
+        rows = getattr(self._env.unwrapped, "shown_rows", None)
+        if rows is not None and getattr(policy, "reads_rows", False):
+            return [np.ravel(rows)]
         return self.observation
 
     def reset(self, seeds: Any = None, rows: Any = None) -> list[Any]:  # noqa: ARG002

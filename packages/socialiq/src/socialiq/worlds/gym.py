@@ -243,6 +243,11 @@ class RoadEnv(gymnasium.Env):
         observation = with_time(decisions.observation, self.batch.time, self._clock)[0]
         return observation, reward, ending in TERMINAL, ending == int(Ending.TIMEOUT), info
 
+    @property
+    def shown_rows(self) -> np.ndarray:
+        """Rows of road users that the ego is shown, for rules, in one list of numbers."""
+        return self.batch.shown_rows[0].copy()
+
     def action_masks(self) -> np.ndarray:
         """Return which actions do something now, bool (action,), as learners with masks ask."""
         return self.batch.action_mask[0]

@@ -280,8 +280,8 @@ def with_time(
     """Return observations that end with the time, the clock of every world; or without a clock.
 
     Args:
-        observation: Observations without the time, (*batch, feature).
-        time: Decisions since the last reset, as the world shows them, (*batch) or of its agents.
+        observation: Observations without the time, (..., feature).
+        time: Decisions since the last reset, as the world shows them, (...) or of its agents.
         clock: Whether the time is shown; if not, the observations are returned as they are.
     """
     if not clock:
@@ -296,7 +296,7 @@ def observed_with_time(
     """Return what a policy observes: with the time at the end if it has one feature more.
 
     Args:
-        observation: Observations without the time, (*batch, feature).
+        observation: Observations without the time, (..., feature).
         time: As for `with_time`.
         policy: Its `n_features` decides; a policy without this attribute gets no time.
     """

@@ -204,7 +204,7 @@ def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: b
         ones = (1,) * action.ndim
         return simulate.ScriptedActor(lambda _, __, rows: np.tile(action, (len(rows), *ones)))
     if isinstance(batch, simulate.GymSimulator):
-        return simulate.GymActor(policy, deterministic)
+        return simulate.GymActor(policy, deterministic, batch)
     checked = functools.partial(sizes.checked, source=driver.name)
     return simulate.PolicyActor(policy, batch, deterministic, world.is_exact, checked)
 

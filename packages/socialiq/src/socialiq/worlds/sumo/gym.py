@@ -11,17 +11,37 @@ from jaxtyping import Bool
 
 from socialiq.errors import UserError
 from socialiq.social.angle import check_angle, score, weights
-from socialiq.types import TERMINAL, Ending, RewardPair
+from socialiq.types import ROWS, TERMINAL, Ending, RewardPair
 from socialiq.worlds.grammar import parse_options
+from socialiq.worlds.highway.along_route import AlongRoute
 from socialiq.worlds.highway.core.rewards import env_signals
 from socialiq.worlds.highway.effects import SIGNALS, record_of
+from socialiq.worlds.highway.ego import EgoModel
+from socialiq.worlds.highway.observation import AGENT, HIGHEST, N_FEATURES, ROUTE, USERS, Line
 from socialiq.worlds.highway.options import ENV_SIGNALS, FEATURES, settings_of
-from socialiq.worlds.intersection.options import ACTIONS
+from socialiq.worlds.highway.scenes import ROUTE_ACTIONS
+from socialiq.worlds.intersection.options import ACTIONS, IDLE
+from socialiq.worlds.road_users import FIRST_CODE, ROAD_USERS
 from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import CLASSES
-from socialiq.worlds.sumo.simulation import Episode, Result, class_of, gap_ahead
-from socialiq.worlds.sumo.traffic import Scene, SumoOptions
+from socialiq.worlds.sumo.simulation import (
+    Episode,
+    Own,
+    Result,
+    arrival_on,
+    class_of,
+    gap_ahead,
+)
+from socialiq.worlds.sumo.traffic import EGO, Scene, SumoOptions
 from socialiq.worlds.world import with_time
+
+_UNITS = (1000.0, 1000.0, 50.0, 50.0)
+"""m and m/s that rows along the route show as 1."""
+
+_CODES = {EGO: 1.0, "vehicle": 1.0} | {
+    user.sumo: FIRST_CODE + number for number, user in enumerate(ROAD_USERS)
+}
+"""Number in the place of the presence by class in SUMO."""
 
 
 class State(NamedTuple):
@@ -35,9 +55,10 @@ class SumoEnv(gymnasium.Env):
     """Junctions simulated by SUMO with the Gymnasium interface of the intersection.
 
     An ego drives its way through traffic of vehicles, bicycles and pedestrians. Actions and
-    observation are those of `socialiq/Intersection-v1`; pedestrians are not observed. r_env is that
-    of the intersection, r_social what the ego causes (`worlds.highway.effects`), by class. The
-    scalar reward is R(α) (Eq 4.3).
+    observation are those of `socialiq/Intersection-v1`, which has no pedestrians, or those along
+    the route (`observation="route"`), which have all classes. r_env is that of the intersection,
+    r_social what the ego causes (`worlds.highway.effects`), by class. The scalar reward is R(α)
+    (Eq 4.3).
 
     `info` has `reward_pair`, `signals` (also of each class, unweighted), `ending`, `speed`, m/s,
     and `contact`.
@@ -65,12 +86,20 @@ class SumoEnv(gymnasium.Env):
         self._effects = record_of(self.options, self.options.road)["weights"][0]
         self._settings = settings_of(self.options.road).view(np.recarray)[0]
         size = self.options.road.observed_vehicles * len(FEATURES)
-        low, high = (np.full(size + clock, end, np.float32) for end in (-1.0, 1.0))
+        limit = 1.0
+        self._along: AlongRoute | None = None
+        self.schema = ROWS
+        if self.options.observation == "route":
+            self._along = AlongRoute(EgoModel(units=_UNITS), self.options.road.max_speed)
+            self.schema = ROUTE
+            size = N_FEATURES
+            limit = HIGHEST
+        low, high = (np.full(size + clock, end, np.float32) for end in (-limit, limit))
         if clock:
             low[-1] = 0.0
             high[-1] = self.options.road.decisions
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
-        self.action_space = spaces.Discrete(len(ACTIONS))
+        self.action_space = spaces.Discrete(len(ACTIONS if self._along is None else ROUTE_ACTIONS))
         self.episode: Episode | IsolatedEpisode | None = None
         self.ending = Ending.NONE
 
@@ -94,7 +123,8 @@ class SumoEnv(gymnasium.Env):
         """Take one decision. A timeout truncates; every other ending terminates."""
         if self.episode is None or self.ending != Ending.NONE:
             raise UserError("an episode has not begun, or has ended: reset it first")
-        result = self.episode.step(int(action))
+        # A change of lanes, which the schema `route` has, does what idle does.
+        result = self.episode.step(int(action) if action < len(ACTIONS) else IDLE)
         self.ending, (pair, signals) = result.ending, self._pair(result)
         info = {
             "reward_pair": np.array(pair),
@@ -159,7 +189,51 @@ class SumoEnv(gymnasium.Env):
     def _observation(self) -> np.ndarray:
         assert self.episode is not None
         time = np.float32(len(self.episode.actions))
-        return with_time(self.episode.observation, time, self._clock)
+        observation = self.episode.observation
+        if self._along is not None:
+            observation = self._along_route(self._along, self.episode)
+        return with_time(observation, time, self._clock)
+
+    def _along_route(self, schema: AlongRoute, episode: Episode | IsolatedEpisode) -> np.ndarray:
+        """Return the observation along the route, of all classes of road users."""
+        own = episode.own
+        ego = episode.bodies[0]
+        apart = [np.hypot(body.x - ego.x, body.y - ego.y) for body in episode.bodies]
+        nearest = np.argsort(apart, kind="stable")[: USERS + 1]
+        rows = np.zeros((1, USERS + 1, len(FEATURES)), np.float32)
+        for row, number in zip(rows[0], nearest.tolist(), strict=False):
+            body = episode.bodies[number]
+            velocity = body.speed * body.along_x, body.speed * body.along_y
+            row[0] = _CODES[class_of(body.name)]
+            row[1:5] = np.array([body.x, body.y, *velocity]) / _UNITS
+            row[5:] = body.along_x, body.along_y
+        agents = np.zeros(1, AGENT)
+        agents["way"] = schema.numbers(np.array([own.junction]), lambda _: self._route(own))
+        agents["target_speed"] = own.target_speed
+        agents["seconds_left"] = self.options.duration - len(episode.actions)
+        agents["cos"] = 1.0
+        return schema(rows.reshape(1, -1), agents)[0]
+
+    def _route(self, own: Own) -> Line:
+        """Return the route in the frame of a junction on the ego's way."""
+        from socialiq.worlds.highway.ways import line_of  # imports Numba
+
+        pieces = self.scene.network.line_of(self.scene.way)
+        metres = [float(np.hypot(*np.diff(piece, axis=0).T).sum()) for piece in pieces]
+        ends = np.cumsum(metres)
+        last = pieces[-1]
+        goal = ends[-2] + arrival_on(float(np.hypot(*np.diff(last, axis=0).T).sum()))
+        x, y = (np.concatenate(pieces) - (own.x, own.y)).T
+        turned = np.stack(
+            [x * own.north_y - y * own.north_x, -(x * own.north_x + y * own.north_y)], axis=-1
+        )
+        return line_of(turned, ends[2 * own.junction], ends[2 * own.junction + 1], goal)
+
+    @property
+    def shown_rows(self) -> np.ndarray:
+        """Rows of road users as at the intersection, for rules, in one list of numbers."""
+        assert self.episode is not None
+        return self.episode.observation
 
     def save(self) -> State:
         """Return the state of the episode."""

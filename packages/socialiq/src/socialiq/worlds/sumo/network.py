@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,7 +40,12 @@ class Edge(NamedTuple):
     priority: int
     length: float  # m
     classes: frozenset[str]  # of CLASSES that may use a lane of it
-    tail: tuple[np.ndarray, np.ndarray]  # last two points of the lane of vehicles, m
+    line: np.ndarray  # points of the lane of vehicles, m, (point, 2)
+
+    @property
+    def tail(self) -> tuple[np.ndarray, np.ndarray]:
+        """Last two points of the lane of vehicles, m."""
+        return self.line[-2], self.line[-1]
 
 
 class Network(NamedTuple):
@@ -95,6 +100,23 @@ class Network(NamedTuple):
             if len(ways) >= MOST_ROUTES:
                 break
         return {ends: way for ends, way in ways.items() if len(way) > 1}
+
+    def line_of(self, way: Sequence[str]) -> list[np.ndarray]:
+        """Return the points of each edge of a way, and of the bends between them, in turn, m.
+
+        A bend is a quadratic Bézier curve, whose middle point lies where the edges would meet.
+        """
+        lines = [self.edges[name].line for name in way]
+        pieces = [lines[0]]
+        for before, after in itertools.pairwise(lines):
+            begin, end = before[-1], after[0]
+            leaving = (begin - before[-2]) / np.hypot(*(begin - before[-2]))
+            reach = float((end - begin) @ leaving)
+            share = np.linspace(0.0, 1.0, 21)[:, None]
+            corner = begin + max(reach, 0.0) * leaving
+            bend = (1 - share) ** 2 * begin + 2 * share * (1 - share) * corner + share**2 * end
+            pieces += [bend, after]
+        return pieces
 
     def walks(self) -> list[tuple[str, str]]:
         """Return pairs of edges at the rim with a sidewalk, of different arms."""
@@ -198,7 +220,7 @@ def _read(root: Element, **origin: Any) -> Network:
             int(element.get("priority", -1)),
             float(lane.attrib["length"]),
             frozenset().union(*used.values()),
-            (points[-2], points[-1]),
+            np.array(points),
         )
     after = {kind: {name: list[str]() for name in edges} for kind in CLASSES}
     for link in root.iter("connection"):

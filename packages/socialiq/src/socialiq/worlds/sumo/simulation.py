@@ -60,6 +60,17 @@ class Body(NamedTuple):
     name: str
 
 
+class Own(NamedTuple):
+    """Facts that the ego knows of itself: the frame in which it sees the road, and its control."""
+
+    junction: int  # number on its way of the junction that it is in or comes to
+    x: float  # middle of the junction in SUMO, m
+    y: float
+    north_x: float  # direction of its approach there
+    north_y: float
+    target_speed: float  # m/s
+
+
 class Moved(NamedTuple):
     """Motion of others in a decision, by name."""
 
@@ -126,6 +137,15 @@ def gap_ahead(ego: Body, person: Body, seconds: float) -> float:
             return math.inf
         ahead += beside / closing * along * person.speed
     return ahead - _FRONT if ahead > 0.0 else math.inf
+
+
+def arrival_on(length: float) -> float:
+    """Return where the middle of the ego arrives on its last edge, m.
+
+    Args:
+        length: Length of the edge, m.
+    """
+    return min(_ARRIVED_AT, length / 2)
 
 
 def library() -> Any:
@@ -305,7 +325,7 @@ class Episode:
         if EGO not in self._speeds:
             return Ending.ARRIVAL
         on_last = self.sumo.vehicle.getRoadID(EGO) == way[-1]
-        goal = min(_ARRIVED_AT, last.length / 2)
+        goal = arrival_on(last.length)
         if on_last and self.sumo.vehicle.getLanePosition(EGO) - 2.5 >= goal:
             return Ending.ARRIVAL
         out = len(self.actions) >= self.scene.options.road.decisions
@@ -326,12 +346,19 @@ class Episode:
             if self.scene.options.tow_after and now >= due and name in self._speeds:
                 self.sumo.vehicle.remove(name)
 
+    @property
+    def own(self) -> Own:
+        """Facts that the ego knows of itself."""
+        x, y = self._centre.tolist()
+        north_x, north_y = self._north.tolist()
+        return Own(self._junction, x, y, north_x, north_y, self._target)
+
     def _frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the middle of the junction that the ego is in or comes to, and its approach."""
         network = self.scene.network
         way = self.scene.way
-        index = min(self.sumo.vehicle.getRouteIndex(EGO), len(way) - 2)
-        edge = network.edges[way[max(index, 0)]]
+        self._junction = max(min(self.sumo.vehicle.getRouteIndex(EGO), len(way) - 2), 0)
+        edge = network.edges[way[self._junction]]
         begin, end = edge.tail
         centre = network.junctions[edge.end][1] if edge.end in network.junctions else end
         return centre, (end - begin) / np.hypot(*(end - begin))
@@ -343,7 +370,7 @@ class Episode:
         """
         if EGO not in self._speeds:
             return self.bodies
-        centre, north = self._frame()
+        centre, north = self._centre, self._north = self._frame()
         cx, cy = centre.tolist()
         nx, ny = north.tolist()
 

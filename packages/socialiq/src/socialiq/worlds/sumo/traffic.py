@@ -10,6 +10,7 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 from socialiq.worlds.highway.effects import EffectOptions
+from socialiq.worlds.highway.options import Schema
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.sumo.demand import read_demand
 from socialiq.worlds.sumo.network import CLASSES, read_network
@@ -38,6 +39,9 @@ class SumoOptions(EffectOptions):
     bicycle_rate: float = 0.1
     pedestrian_rate: float = 0.2
     following: Following = "Krauss"  # SUMO's model of car-following
+    # schema of the observation: rows as at the intersection, which show no pedestrians, or the
+    # vector along the ego's route that is the same for every road
+    observation: Schema = "rows"
     vehicle_weight: float = 1.0  # of a class in every effect on it
     bicycle_weight: float = 1.0
     pedestrian_weight: float = 1.0
@@ -45,6 +49,7 @@ class SumoOptions(EffectOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("following", self.following, get_args(Following))
+        one_of("observation", self.observation, get_args(Schema))
         for name in (f"{kind}_rate" for kind in CLASSES):
             if not 0 <= getattr(self, name) <= MOST_RATE:
                 raise UserError(f"{name} must lie between 0 and {MOST_RATE:g} per second")
