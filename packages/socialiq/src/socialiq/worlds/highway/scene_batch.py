@@ -34,7 +34,7 @@ from socialiq.worlds.world import Decisions
 BackEnd = Literal["core", "highway_env"]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=64)
 def along_route_of(scene: Scene, options: RoadOptions) -> AlongRoute:
     """Return the schema along the route of a scene's agents."""
     model = EgoModel.of(options, scene.road.sight, scene.actions, scene.road.speed_limit)
@@ -54,7 +54,7 @@ def agents_of(schema: AlongRoute, agents: np.ndarray, scene: Scene, walks: bool)
 
     own = np.zeros(len(agents), AGENT)
     table = scene.road.routes.shape[1], len(scene.road.lanes)
-    keys = (agents["route"] + 1) * table[0] + agents["destination"] + 1
+    keys = (agents["route"].astype(np.int64) + 1) * table[0] + agents["destination"] + 1
     keys = keys * table[1] + agents["target_lane"]
     own["way"] = schema.numbers(keys, lambda at: route_of(agents[at], scene.road, walks))
     own["target_speed"] = agents["target_speed"]

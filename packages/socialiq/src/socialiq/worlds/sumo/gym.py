@@ -25,8 +25,8 @@ from socialiq.worlds.road_users import FIRST_CODE, ROAD_USERS
 from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
 from socialiq.worlds.sumo.network import CLASSES
 from socialiq.worlds.sumo.simulation import (
+    EgoState,
     Episode,
-    Own,
     Result,
     arrival_on,
     class_of,
@@ -196,7 +196,7 @@ class SumoEnv(gymnasium.Env):
 
     def _along_route(self, schema: AlongRoute, episode: Episode | IsolatedEpisode) -> np.ndarray:
         """Return the observation along the route, of all classes of road users."""
-        own = episode.own
+        state = episode.ego_state
         ego = episode.bodies[0]
         apart = [np.hypot(body.x - ego.x, body.y - ego.y) for body in episode.bodies]
         nearest = np.argsort(apart, kind="stable")[: USERS + 1]
@@ -208,13 +208,13 @@ class SumoEnv(gymnasium.Env):
             row[1:5] = np.array([body.x, body.y, *velocity]) / _UNITS
             row[5:] = body.along_x, body.along_y
         agents = np.zeros(1, AGENT)
-        agents["way"] = schema.numbers(np.array([own.junction]), lambda _: self._route(own))
-        agents["target_speed"] = own.target_speed
+        agents["way"] = schema.numbers(np.array([state.junction]), lambda _: self._route(state))
+        agents["target_speed"] = state.target_speed
         agents["seconds_left"] = self.options.duration - len(episode.actions)
         agents["cos"] = 1.0
         return schema(rows.reshape(1, -1), agents)[0]
 
-    def _route(self, own: Own) -> Line:
+    def _route(self, state: EgoState) -> Line:
         """Return the route in the frame of a junction on the ego's way."""
         from socialiq.worlds.highway.ways import line_of  # imports Numba
 
@@ -223,11 +223,12 @@ class SumoEnv(gymnasium.Env):
         ends = np.cumsum(metres)
         last = pieces[-1]
         goal = ends[-2] + arrival_on(float(np.hypot(*np.diff(last, axis=0).T).sum()))
-        x, y = (np.concatenate(pieces) - (own.x, own.y)).T
+        x, y = (np.concatenate(pieces) - (state.x, state.y)).T
         turned = np.stack(
-            [x * own.north_y - y * own.north_x, -(x * own.north_x + y * own.north_y)], axis=-1
+            [x * state.north_y - y * state.north_x, -(x * state.north_x + y * state.north_y)],
+            axis=-1,
         )
-        return line_of(turned, ends[2 * own.junction], ends[2 * own.junction + 1], goal)
+        return line_of(turned, ends[2 * state.junction], ends[2 * state.junction + 1], goal)
 
     @property
     def shown_rows(self) -> np.ndarray:

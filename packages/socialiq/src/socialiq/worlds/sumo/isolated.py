@@ -25,7 +25,7 @@ from socialiq.isolation import NOT_NEEDED, CodeHash, Isolation, isolation_of, sa
 from socialiq.types import Ending
 from socialiq.worlds.highway.options import FEATURES, Contact
 from socialiq.worlds.sumo.network import CLASSES, NETS
-from socialiq.worlds.sumo.simulation import Body, Episode, Own, Result
+from socialiq.worlds.sumo.simulation import Body, EgoState, Episode, Result
 from socialiq.worlds.sumo.traffic import Scene
 
 SECONDS = 600.0  # for an answer: a reset plays the traffic of a city twice
@@ -69,7 +69,7 @@ class IsolatedEpisode:
         without: What others drive without the ego to the common end, m by name.
         observation: Rows of the ego and of vehicles and bicycles near it, as at the intersection.
         bodies: The ego and the other road users, as the ego sees the road.
-        own: Facts that the ego knows of itself.
+        ego_state: Facts that the ego knows of itself.
 
     Raises:
         UserError: If libsumo is missing, or SUMO refuses the network.
@@ -96,7 +96,7 @@ class IsolatedEpisode:
         rows = self.scene.options.road.observed_vehicles * len(FEATURES)
         self.observation = np.array(answer["observation"], np.float32).reshape(rows)
         self.bodies = [Body(*body) for body in answer["bodies"]]
-        self.own = Own(*answer["own"])
+        self.ego_state = EgoState(*answer["ego_state"])
         return answer
 
 
@@ -186,7 +186,7 @@ class _Player:
         for action in actions[len(episode.actions) :]:
             result = episode.step(action)
         answer = {"observation": episode.observation.tolist(), "bodies": episode.bodies}
-        answer["own"] = episode.own
+        answer["ego_state"] = episode.ego_state
         if result is None:
             return answer | {"without": episode.without}
         numbers = [result.caused.tolist(), result.encounter.tolist()]

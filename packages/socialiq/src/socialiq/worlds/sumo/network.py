@@ -109,7 +109,8 @@ class Network(NamedTuple):
         lines = [self.edges[name].line for name in way]
         pieces = [lines[0]]
         for before, after in itertools.pairwise(lines):
-            begin, end = before[-1], after[0]
+            begin = before[-1]
+            end = after[0]
             leaving = (begin - before[-2]) / np.hypot(*(begin - before[-2]))
             reach = float((end - begin) @ leaving)
             share = np.linspace(0.0, 1.0, 21)[:, None]

@@ -60,7 +60,7 @@ class Body(NamedTuple):
     name: str
 
 
-class Own(NamedTuple):
+class EgoState(NamedTuple):
     """Facts that the ego knows of itself: the frame in which it sees the road, and its control."""
 
     junction: int  # number on its way of the junction that it is in or comes to
@@ -347,11 +347,11 @@ class Episode:
                 self.sumo.vehicle.remove(name)
 
     @property
-    def own(self) -> Own:
+    def ego_state(self) -> EgoState:
         """Facts that the ego knows of itself."""
         x, y = self._centre.tolist()
         north_x, north_y = self._north.tolist()
-        return Own(self._junction, x, y, north_x, north_y, self._target)
+        return EgoState(self._junction, x, y, north_x, north_y, self._target)
 
     def _frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the middle of the junction that the ego is in or comes to, and its approach."""
