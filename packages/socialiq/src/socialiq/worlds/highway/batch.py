@@ -226,9 +226,9 @@ class RoadBatch(abc.ABC):
             return self.shown_rows.reshape(*self.shape, -1).copy()
         return self._along(self.shown_rows, self._agents()).reshape(*self.shape, -1)
 
+    @abc.abstractmethod
     def _agents(self) -> np.ndarray:
         """Return what every agent knows of itself, AGENT records (result,)."""
-        raise NotImplementedError
 
     @property
     def driving(self) -> Bool[np.ndarray, "*batch"]:
