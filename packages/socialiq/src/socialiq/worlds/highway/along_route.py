@@ -25,8 +25,6 @@ from socialiq.worlds.highway.scenes import Road
 class AlongRoute:
     """Schema `route` of a world: what agents observe, from their rows and what they know."""
 
-    n_features = N_FEATURES
-
     def __init__(self, model: EgoModel, fastest: float, road: Road | None = None) -> None:
         """Make the schema of a world.
 
