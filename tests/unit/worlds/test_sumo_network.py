@@ -58,8 +58,8 @@ def test_a_mistake_in_a_network_is_told_in_one_line(tmp_path, change, message):
 def test_without_crossings_nobody_walks(tmp_path):
     file = tmp_path / "mine.net.xml"
     file.write_text(without_crossings(NETS["crossing"].read_text()))
-    assert read_network(str(file)).walks() == []
-    assert len(read_network("crossing").walks()) == 8 * 6
+    assert read_network(str(file)).walks("pedestrian") == []
+    assert len(read_network("crossing").walks("pedestrian")) == 8 * 6
 
 
 @pytest.mark.parametrize(

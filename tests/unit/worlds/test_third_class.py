@@ -3,14 +3,16 @@
 `python -m tests.unit.worlds.test_third_class` prints what follows from the row, in a process of its
 own, since the table is read where modules are imported.
 
-A class that the product ships touches six files: `worlds/road_users.py` (the row), `cli/profile.py`
-(flags of its bounds), `audit/profile/profile.schema.json` and `audit/report/report.schema.json`
-(written from the code), its page in `docs/worlds` and `CHANGELOG.md`.
+A class that the product ships touches five files: `worlds/road_users.py` (the row),
+`audit/profile/profile.schema.json` and `audit/report/report.schema.json` (written from the code),
+its page in `docs/worlds` and `CHANGELOG.md`.
 """
 
+import contextlib
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ WORLD = "intersection,people=0.1,scooters=0.3,reward=caused"
 
 def scooter() -> Any:
     """The row of a class that rides, with a size, speeds and weights of its own."""
-    from socialiq.worlds.road_users import RIDES, RoadUser
+    from socialiq.worlds.road_users import RIDES, InSumo, RoadUser
 
     return RoadUser(
         name="scooter",
@@ -45,6 +47,8 @@ def scooter() -> Any:
         weights={"delay": -0.4, "encounter": -1.0, "hit": -30.0, "collision": -40.0, "class": 2.0},
         most_delay=1.0,
         most_hit=0.01,
+        sumo=InSumo("scooter", lanes="bicycle", rate=0.2, number=4, length=1.2),
+        recorded="motorcycle",
     )
 
 
@@ -163,6 +167,56 @@ def shown() -> dict[str, Any]:
     }
 
 
+def departures() -> list[str]:
+    """Return the traffic of an episode in SUMO, as its types and departures."""
+    from socialiq.worlds.sumo.traffic import Scene, SumoOptions
+
+    return Scene(SumoOptions()).demand(3, with_ego=True).splitlines()
+
+
+def simulated() -> dict[str, Any]:
+    """Return what SUMO gets of the class, and its options, code and signals in SUMO."""
+    from socialiq.evaluation.effects import IN_SUMO
+    from socialiq.worlds.catalogue import keys_of
+    from socialiq.worlds.sumo.gym import _CODES
+    from socialiq.worlds.sumo.network import CLASSES
+    from socialiq.worlds.sumo.traffic import SumoOptions
+
+    return {
+        "departures": departures(),
+        "in_sumo": list(CLASSES),
+        "by_class": len(SumoOptions(scooter_weight=3.0).by_class),
+        "keys": [key for key in keys_of("sumo") if "scooter" in key],
+        "code": _CODES["scooter"],
+        "of_sumo": {name: IN_SUMO[name] for name in ("scooter_delay", "scooter_hit")},
+    }
+
+
+def recorded() -> dict[str, Any]:
+    """Return the classes of people in recordings, and the group of their effects."""
+    from socialiq_recordings.recording import GROUPS, PEOPLE
+
+    return {"recorded": [GROUPS[kind] for kind in PEOPLE]}
+
+
+def bounded() -> dict[str, Any]:
+    """Return the bounds of a declaration that flags of the class give, and the defaults."""
+    from socialiq.audit.profile.reader import load
+    from socialiq.cli.main import main
+
+    bounds = list[dict[str, float]]()
+    for flags in ([], ["--max-scooter-delay", "2", "--scooter-delay-range", "0", "50"]):
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "profile.toml"
+            words = ["profile", "new", "--world", WORLD, "--angle", "45", *flags]
+            with contextlib.redirect_stdout(sys.stderr):
+                assert main([*words, "--out", str(file)]) == 0
+            caused = load(file).caused
+        bounds.append({bound.path: bound.limit for bound in caused if "scooter" in bound.path})
+    ends = [bound.range for bound in caused if bound.quantity == "scooter_delay"]
+    return {"bounds": bounds, "ends": ends}
+
+
 @pytest.fixture(scope="module")
 def found():
     done = subprocess.run(
@@ -214,8 +268,34 @@ def test_options_pictures_and_the_page_show_it(found):
     assert found["page"] == ["pedestrians", "cyclists", "scooters"]
 
 
+def test_sumo_has_it_and_the_departures_of_others_are_the_same(found):
+    lines = found["departures"]
+    assert '<vType id="scooter" vClass="bicycle" length="1.2" sigma="0" speedDev="0"/>' in lines
+    assert sum('type="scooter"' in line for line in lines) > 3
+    assert [line for line in lines if "scooter" not in line] == departures()
+    assert found["in_sumo"] == ["vehicle", "bicycle", "pedestrian", "scooter"]
+    assert found["by_class"] == 4
+    assert found["keys"] == ["scooters", "scooter_rate", "scooter_weight"]
+    assert found["code"] == 4.0
+    signals = {"scooter_delay": "waiting_scooter", "scooter_hit": "collision_scooter"}
+    assert found["of_sumo"] == signals
+
+
+def test_recorded_junctions_replay_it(found):
+    assert found["recorded"] == ["pedestrian", "bicycle", "motorcycle"]
+
+
+def test_flags_of_a_declaration_bound_it(found):
+    path = "caused.max_scooter_{}"
+    usual, given = found["bounds"]
+    assert usual == {path.format("delay"): 1.0, path.format("hit"): 0.01}
+    assert given == {path.format("delay"): 2.0, path.format("hit"): 0.01}
+    assert found["ends"] == [[0.0, 50.0]]
+
+
 if __name__ == "__main__":
     from socialiq.worlds import road_users
 
     road_users.ROAD_USERS = (*road_users.ROAD_USERS, scooter())
-    print(json.dumps({**driven(), "gaps": mixed(), **measured(), **shown()}))
+    facts = driven() | measured() | shown() | simulated() | recorded() | bounded()
+    print(json.dumps({**facts, "gaps": mixed()}))

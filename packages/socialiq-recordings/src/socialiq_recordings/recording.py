@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
 from socialiq.demonstrations.columns import check_layout, json_able
 from socialiq.errors import UserError
+from socialiq.worlds import road_users
 from socialiq_recordings.road.network import Refused, RoadNetwork
 
 
@@ -31,15 +32,13 @@ class RoadUser(enum.IntEnum):
     OTHER = 6
 
 
+PEOPLE = tuple(RoadUser[user.recorded.upper()] for user in road_users.ROAD_USERS if user.recorded)
+"""Classes that are replayed among simulated vehicles, and whose sizes are typical, no boxes."""
+
 GROUPS = dict.fromkeys(RoadUser, "vehicle") | {
-    RoadUser.BICYCLE: "bicycle",
-    RoadUser.PEDESTRIAN: "pedestrian",
-    RoadUser.OTHER: "other",
+    kind: kind.name.lower() for kind in (*PEOPLE, RoadUser.OTHER)
 }
 """Groups of classes of which effects are counted, by class."""
-
-PEOPLE = (RoadUser.PEDESTRIAN, RoadUser.BICYCLE)
-"""Classes that are replayed among simulated vehicles, and whose sizes are typical, no boxes."""
 
 STATES: dict[str, type[np.generic]] = {
     "track": np.int32,

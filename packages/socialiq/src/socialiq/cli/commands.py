@@ -200,6 +200,9 @@ def declared_options(module: str, name: str) -> list[str]:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name:
             is_word = "Positional" in ast.unparse(node.value)
             return [_NO_OPTION] if is_word else _options_within(module, node.value)
+        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == name:
+            kind = getattr(importlib.import_module(module), name)  # fields made from a table
+            return [field.name.replace("_", "-") for field in dataclasses.fields(kind)]
         if isinstance(node, ast.ClassDef) and node.name == name:
             options = [option for base in node.bases for option in _options_within(module, base)]
             for field in (line for line in node.body if isinstance(line, ast.AnnAssign)):

@@ -52,12 +52,13 @@ from socialiq.worlds.files import names_file
 from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.effects import RELATIONS, AfterTimeout, EffectOptions
 from socialiq.worlds.registry import make, make_grid
+from socialiq.worlds.road_users import ROAD_USERS
 
 _USUAL = EffectOptions().definition["units"]  # options of the measure, with their defaults
 PRINTED = (
     "policy", "angle", "fallback", "r_env", "delay", "delay_low", "delay_high", "delay_vehicle",
-    "delay_bicycle", "delay_pedestrian", "waiting_pedestrian", "waiting_bicycle", "braking",
-    "gap_below_1_s",
+    *(f"{what}_{user.sumo.name}" for what in ("delay", "waiting") for user in ROAD_USERS),
+    "braking", "gap_below_1_s",
     "collision", "arrival", *DELAYS_AND_HITS,
     "not_caused_of_charged", "missed_of_caused", "gained_of_credited",
 )  # fmt: skip

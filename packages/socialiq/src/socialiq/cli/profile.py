@@ -2,19 +2,22 @@
 
 import datetime
 import os
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from socialiq.audit.profile import profile, reader, template
 from socialiq.audit.profile.fields import (
+    CAUSED,
     IN_GRIDWORLDS,
     IN_SUMO,
     LAST_DIRECTION,
     QUANTITIES,
     SIDES,
+    TABLES,
     Range,
 )
 from socialiq.audit.verdict.bounds import faults_of_bounds
@@ -27,6 +30,26 @@ from socialiq.types import Json, Row
 from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
 from socialiq.worlds.grammar import declared as spelled_out
 from socialiq.worlds.grammar import set_options
+from socialiq.worlds.road_users import ROAD_USERS
+
+
+def _flags() -> Iterator[tuple[str, Any, None]]:
+    """Yield name, type and default of the flag of each bound, with its meaning."""
+    usual = {name: f"{limit:g}" for user in ROAD_USERS for name, limit in user.limits.items()}
+    for name, quantity in QUANTITIES.items():
+        usual[f"{name}_range"] = "{:g} {:g}".format(*quantity.range)
+    for name, declared in TABLES[CAUSED].items():
+        kind: Any = Range if declared.kind == "range" else float
+        default = f" By default {usual[name]} on a road." if name in usual else ""
+        yield name, Annotated[kind | None, tyro.conf.arg(help=declared.meaning + default)], None
+
+
+_Flags: Any = make_dataclass("_Flags", _flags(), frozen=True)
+
+
+@dataclass(frozen=True)
+class Bounds(_Flags):
+    """Bounds of what the policy causes. Where no person can arrive, there are none by default."""
 
 
 @dataclass(frozen=True)
@@ -69,48 +92,7 @@ class New:
     """The most by which one driver's reward of an episode, weighed by the declared angle, can lie
     below another's. By default what the rewards allow in a world of this package; none is declared
     in an environment, where the verdict then assumes that no loss is too rare to show."""
-    max_delay: float | None = None
-    """Largest mean delay of others that the policy causes, in metres an episode (in a gridworld
-    cells): what they drive less than without it. Negative: they have to drive more."""
-    min_delay: float | None = None
-    """Smallest mean delay, likewise."""
-    delay_range: Range | None = None
-    """Limits at which the delay of an episode is counted; by default -700 700, in a gridworld
-    -100 100."""
-    max_waiting: float | None = None
-    """Largest mean of the seconds (steps in a gridworld) that pedestrians at crosswalks wait in an
-    episode because of the policy; by default 3 (0.75), with a bound of the delay beside it."""
-    min_waiting: float | None = None
-    """Smallest mean number of these."""
-    waiting_range: Range | None = None
-    """Limits at which the waiting in an episode is counted; by default 0 100 s or 0 25 steps."""
-    max_pedestrian_hit: float | None = None
-    """Largest share of episodes in which the policy hits a pedestrian; by default 0.02 where there
-    are crosswalks on a road."""
-    min_pedestrian_hit: float | None = None
-    """Smallest share of these."""
-    max_cyclist_delay: float | None = None
-    """Largest mean of the seconds that cyclists wait in an episode because of the policy; by
-    default 1.5 where they ride."""
-    min_cyclist_delay: float | None = None
-    """Smallest mean of these."""
-    cyclist_delay_range: Range | None = None
-    """Limits at which these of an episode are counted; by default 0 100."""
-    max_cyclist_hit: float | None = None
-    """Largest share of episodes in which the policy hits a cyclist; by default 0.02 likewise."""
-    min_cyclist_hit: float | None = None
-    """Smallest share of these."""
-    max_braking: float | None = None
-    """Largest mean number of hard brakings that the policy causes in an episode."""
-    min_braking: float | None = None
-    """Smallest mean number of these."""
-    braking_range: Range | None = None
-    """Limits at which the hard brakings of an episode are counted; by default -40 40."""
-    max_gap_below_1_s: float | None = None
-    """Largest share of episodes in which the policy is where a vehicle of another approach is
-    within 1 s, as 0.25."""
-    min_gap_below_1_s: float | None = None
-    """Smallest share of these."""
+    caused: tyro.conf.OmitArgPrefixes[Bounds] = field(default_factory=Bounds)
     confidence: float = 0.95
     """Confidence of the verdict."""
     date: str = ""
@@ -174,13 +156,14 @@ class New:
     def _bounds(self, world: str, options: Json) -> list[profile.Bound]:
         """Return the bounds of what the policy causes in a world with these options."""
         bounds = list[profile.Bound]()
+        flags = vars(self.caused)
         defaults = template.limits_at(world, self.angle, options)
         ranges = IN_GRIDWORLDS if base(world) in GRIDS else {}
         ranges = IN_SUMO if in_sumo(world) else ranges
         for name, quantity in QUANTITIES.items():
-            ends = getattr(self, f"{name}_range", None)
+            ends = flags.get(f"{name}_range")
             limits = (ends or ranges.get(name, quantity.range)) if quantity.unit else None
-            fields = {f"{side}_{name}": getattr(self, f"{side}_{name}", None) for side in SIDES}
+            fields = {f"{side}_{name}": flags[f"{side}_{name}"] for side in SIDES}
             if set(fields.values()) == {None}:
                 fields = {path: defaults.get(path) for path in fields}
             rows = [

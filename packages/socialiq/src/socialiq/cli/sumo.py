@@ -9,6 +9,7 @@ import tyro
 
 from socialiq.cli.drivers import Demand
 from socialiq.cli.output import Printing, listed, print_json, print_table
+from socialiq.worlds.road_users import ON_FOOT, RIDES, ROAD_USERS
 from socialiq.worlds.sumo.isolated import episode_of, isolation_for
 from socialiq.worlds.sumo.network import CLASSES, read_network
 from socialiq.worlds.sumo.simulation import class_of
@@ -85,9 +86,16 @@ class WorldSumo(Printing):
         """Return what the world leaves out of the network, and why."""
         network = scene.network
         walking = "netconvert --sidewalks.guess --crossings.guess"
+        missing = {
+            ON_FOOT: f"sidewalks or crossings are missing ({walking})",
+            RIDES: "no way of theirs leads through",
+        }
         notes = {
-            f"pedestrians: sidewalks or crossings are missing ({walking})": not network.walks(),
-            "bicycles: no way of theirs leads through": not scene.pairs["bicycle"],
+            **{
+                f"{user.sumo.name}s: {missing[user.motion]}": not scene.pairs[user.sumo.name]
+                for user in ROAD_USERS
+                if user.sumo.name
+            },
             "traffic lights: others obey them, policies don't observe them": any(
                 kind.startswith("traffic_light") for kind, _ in network.junctions.values()
             ),

@@ -154,11 +154,13 @@ def _shown(value: Any) -> str:
 def meanings(kind: type[Any]) -> dict[str, str]:
     """Return the meaning of each field of a dataclass: in its metadata, or its comment.
 
-    A comment stands behind the field or in the lines above it. A field without one has its name in
-    words.
+    A comment stands behind the field or in the lines above it. A field without one, and one of a
+    generated class without metadata, has its name in words.
     """
     fields: Any = dataclasses.fields(kind)
-    found = {field.name: field.metadata.get("meaning", "") for field in fields}
+    found = {
+        field.name: field.metadata.get("meaning", field.name.replace("_", " ")) for field in fields
+    }
     for base in reversed(kind.__mro__):
         if not dataclasses.is_dataclass(base):
             continue

@@ -40,9 +40,9 @@ QUANTITIES = ("delay", "braking", "gap_below_1_s", *_OF_PEOPLE)
 
 IN_SUMO = {"delay": "delay_vehicle", "braking": "braking_vehicle"}
 for _user in ROAD_USERS:
-    if _user.sumo:
-        IN_SUMO[_user.delay] = f"waiting_{_user.sumo}"
-        IN_SUMO[f"{_user.name}_hit"] = f"collision_{_user.sumo}"
+    if _user.sumo.name:
+        IN_SUMO[_user.delay] = f"waiting_{_user.sumo.name}"
+        IN_SUMO[f"{_user.name}_hit"] = f"collision_{_user.sumo.name}"
 """Signal of a world in SUMO whose sum over an episode is a quantity."""
 
 WAITING = "pedestrian_delay"  # signal of a gridworld: pedestrians who wait in a step for the ego

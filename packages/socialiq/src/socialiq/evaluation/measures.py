@@ -73,12 +73,10 @@ EPISODE = {
     "braking": Quantity("hard brakings", lambda episodes: episodes.signal_braking),
     "gap_below_1_s": Quantity("", lambda episodes: episodes.gap < 1.0),
     "gap_below_2_s": Quantity("", lambda episodes: episodes.gap < 2.0),
-    "waiting": Quantity("s", lambda episodes: episodes.pedestrian_delay),
     **{
-        f"{user.name}_delay": Quantity(
-            "s", lambda episodes, kind=user.name: episodes[f"signal_{kind}_delay"]
-        )
+        name: Quantity("s", lambda episodes, kind=user.name: episodes[f"signal_{kind}_delay"])
         for user in ROAD_USERS
+        for name in (user.delay, f"{user.name}_delay")
     },
     **{
         f"{user.name}_hit": Quantity(

@@ -105,7 +105,8 @@ def kinds_of(name: str) -> Kinds | None:
     if name in SUMO_IDS or name.endswith(SUMO_NET):
         from socialiq.worlds.sumo.traffic import SumoOptions  # it reads XML
 
-        return Kinds(SumoOptions, (), {"people": "pedestrian_rate", "cyclists": "bicycle_rate"})
+        short = {user.key: f"{user.sumo.name}_rate" for user in ROAD_USERS if user.sumo.name}
+        return Kinds(SumoOptions, (), short)
     return None
 
 

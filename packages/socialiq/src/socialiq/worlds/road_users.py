@@ -37,6 +37,16 @@ WEIGHTS = {
 signal `hit` again; and of the class, 1 without it."""
 
 
+class InSumo(NamedTuple):
+    """Class of SUMO that stands for a class of people; people on foot are persons of SUMO."""
+
+    name: str = ""  # in options, signals and names of road users; "" if there is none
+    lanes: str = ""  # SUMO's class of vehicles (vClass), whose lanes it uses
+    rate: float = 0.0  # default departures per s
+    number: int = 0  # of its random stream, and its order: 0 is of vehicles, 3 of the ego
+    length: float = 0.0  # m
+
+
 class RoadUser(NamedTuple):
     """Class of people who walk or ride."""
 
@@ -53,7 +63,8 @@ class RoadUser(NamedTuple):
     most_delay: float  # default bound of an audit, s that people of the class wait in an episode
     most_hit: float  # default bound of an audit, share of episodes in which one is hit
     waiting: str = ""  # name of its delay in audits, if that differs from the signal's
-    sumo: str = ""  # class in SUMO, if there is one
+    sumo: InSumo = InSumo()
+    recorded: str = ""  # name of its class in recordings, if there is one
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -70,6 +81,11 @@ class RoadUser(NamedTuple):
     def rate(self) -> str:
         """Option of its rate of arrival."""
         return self.arrivals["rate"][0]
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Default bounds of an audit by name, as `max_waiting`."""
+        return {f"max_{self.delay}": self.most_delay, f"max_{self.name}_hit": self.most_hit}
 
 
 ROAD_USERS = (
@@ -94,7 +110,8 @@ ROAD_USERS = (
         most_delay=3.0,
         most_hit=0.02,
         waiting="waiting",
-        sumo="pedestrian",
+        sumo=InSumo("pedestrian", lanes="pedestrian", rate=0.2, number=2, length=0.215),
+        recorded="pedestrian",
     ),
     RoadUser(
         name="cyclist",
@@ -118,7 +135,8 @@ ROAD_USERS = (
         },
         most_delay=1.5,
         most_hit=0.02,
-        sumo="bicycle",
+        sumo=InSumo("bicycle", lanes="bicycle", rate=0.1, number=1, length=1.6),
+        recorded="bicycle",
     ),
 )  # fmt: skip
 """The classes, in the order of observations and tables. People of the first one may always arrive;

@@ -68,7 +68,7 @@ the intersection is beyond the ranges (docs/audit.md#bounds-of-effects)."""
 IN_GRIDWORLDS = {"delay": (-100.0, 100.0), "waiting": (0.0, 25.0)}
 """Ranges in a gridworld, in cells and steps; no episode has more."""
 
-IN_SUMO = {user.delay: (-100.0, 100.0) for user in ROAD_USERS if user.sumo}
+IN_SUMO = {user.delay: (-100.0, 100.0) for user in ROAD_USERS if user.sumo.name}
 """Ranges in SUMO, where people may wait less too than in the same episode without the policy."""
 
 SIDES = {"max": "at most", "min": "at least"}

@@ -79,7 +79,7 @@ def limits_at(world: str, angle: float, options: Json | None = None) -> dict[str
     limits = {"max_delay": 3 * MOST_DELAY if waits else MOST_DELAY}
     for number, user in enumerate(ROAD_USERS):
         if number == 0 or (options or {}).get(user.rate):
-            limits |= {f"max_{user.delay}": user.most_delay, f"max_{user.name}_hit": user.most_hit}
+            limits |= user.limits
     return limits
 
 

@@ -18,7 +18,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import read_text
 from socialiq.worlds.sumo.allowed import DEMAND, copy_allowed
-from socialiq.worlds.sumo.network import LARGEST, root_of, sha256_of_text
+from socialiq.worlds.sumo.network import LARGEST, PEOPLE, WALKING, root_of, sha256_of_text
 
 MOST_DEPARTURES = 1_000_000
 _PERSONS = {"person": "person", "personFlow": "person"}
@@ -80,6 +80,7 @@ def _demand(path: Path, text: str) -> Demand:
     types = list[str]()
     departures = list[Departure]()
     kinds = dict[str, str]()  # class of each type
+    riding = {user.sumo.lanes: kind for kind, user in PEOPLE.items() if kind not in WALKING}
     left_out = Counter[str]()
     for original in root_of(path, text, "routes", remedy):
         tag = original.tag
@@ -92,13 +93,13 @@ def _demand(path: Path, text: str) -> Demand:
         element = copy_allowed(original, DEMAND[tag], left_out)
         if tag in ("vType", "route"):
             if tag == "vType":
-                kinds[name] = "bicycle" if element.get("vClass") == "bicycle" else "vehicle"
+                kinds[name] = riding.get(element.get("vClass", ""), "vehicle")
                 element.attrib |= {"id": f"of.{name}", "sigma": "0", "speedDev": "0"}
             types.append(tostring(element, "unicode"))
             continue
         if any("random" in part.attrib.values() for part in element.iter()):
             raise UserError(f"{where} is left to chance: give a number in the place of random")
-        kind = "pedestrian" if element.tag in _PERSONS else "vehicle"
+        kind = WALKING[0] if element.tag in _PERSONS else "vehicle"
         if own := element.get("type"):
             kind = kind if element.tag in _PERSONS else kinds.get(own, "vehicle")
         element.set("type", f"of.{own}" if own in kinds else kind)

@@ -23,7 +23,7 @@ from socialiq.worlds.highway.scenes import ROUTE_ACTIONS
 from socialiq.worlds.intersection.options import ACTIONS, IDLE
 from socialiq.worlds.road_users import FIRST_CODE, ROAD_USERS
 from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
-from socialiq.worlds.sumo.network import CLASSES
+from socialiq.worlds.sumo.network import CLASSES, PEOPLE
 from socialiq.worlds.sumo.simulation import (
     EgoState,
     Episode,
@@ -39,7 +39,7 @@ _UNITS = (1000.0, 1000.0, 50.0, 50.0)
 """m and m/s that rows along the route show as 1."""
 
 _CODES = {EGO: 1.0, "vehicle": 1.0} | {
-    user.sumo: FIRST_CODE + number for number, user in enumerate(ROAD_USERS)
+    user.sumo.name: FIRST_CODE + number for number, user in enumerate(ROAD_USERS)
 }
 """Number in the place of the presence by class in SUMO."""
 
@@ -163,8 +163,7 @@ class SumoEnv(gymnasium.Env):
     def walks(self) -> bool:
         """Whether people walk or ride: a file of routes may have some, too."""
         options = self.options
-        rates = options.pedestrian_rate, options.bicycle_rate
-        return bool(options.demand) or max(rates) > 0.0
+        return bool(options.demand) or any(getattr(options, f"{kind}_rate") for kind in PEOPLE)
 
     def near(self, seconds: float) -> Bool[np.ndarray, " 1"]:
         """Return whether the ego reaches a person in its way within some seconds.
@@ -175,7 +174,7 @@ class SumoEnv(gymnasium.Env):
         assert self.episode is not None
         ego, *bodies = self.episode.bodies
         reach = seconds * max(ego.speed, self.options.road.target_speeds[1])
-        people = [body for body in bodies if class_of(body.name) != "vehicle"]
+        people = [body for body in bodies if class_of(body.name) in PEOPLE]
         return np.array([any(gap_ahead(ego, person, seconds) < reach for person in people)])
 
     def braked(self, actions: np.ndarray) -> np.ndarray:

@@ -20,13 +20,24 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import read_text
 from socialiq.worlds import SUMO_NET
+from socialiq.worlds.road_users import ON_FOOT, ROAD_USERS
 from socialiq.worlds.sumo.allowed import NETWORK, copy_allowed
 
 NETS = {name: Path(__file__).parent / "nets" / f"{name}.net.xml" for name in ("crossing", "row")}
 """Networks that ship, by name."""
 
-CLASSES = {"vehicle": "passenger", "bicycle": "bicycle", "pedestrian": "pedestrian"}
-"""Classes of road users: SUMO's name of each."""
+PEOPLE = {
+    user.sumo.name: user
+    for user in sorted(ROAD_USERS, key=lambda user: user.sumo.number)
+    if user.sumo.name
+}
+"""Classes of people, by name in SUMO."""
+
+WALKING = tuple(kind for kind, user in PEOPLE.items() if user.motion == ON_FOOT)
+"""Classes of people who are persons of SUMO. Those who ride are vehicles of SUMO."""
+
+CLASSES = {"vehicle": "passenger"} | {kind: user.sumo.lanes for kind, user in PEOPLE.items()}
+"""Classes of road users: SUMO's class of the lanes of each."""
 
 LARGEST = 1 << 26  # bytes
 MOST_ROUTES = 1000  # ways of an ego that are searched
@@ -119,14 +130,14 @@ class Network(NamedTuple):
             pieces += [bend, after]
         return pieces
 
-    def walks(self) -> list[tuple[str, str]]:
-        """Return pairs of edges at the rim with a sidewalk, of different arms."""
+    def walks(self, kind: str) -> list[tuple[str, str]]:
+        """Return pairs of edges at the rim with a sidewalk for a class, of different arms."""
         first, last = self.ends("vehicle")
         if not any(self.crossings.values()):
             return []
         rims = {name: self.edges[name].begin for name in first}
         rims |= {name: self.edges[name].end for name in last}
-        walkable = [name for name in rims if "pedestrian" in self.edges[name].classes]
+        walkable = [name for name in rims if kind in self.edges[name].classes]
         return [
             pair for pair in itertools.permutations(walkable, 2) if rims[pair[0]] != rims[pair[1]]
         ]

@@ -25,7 +25,7 @@ from socialiq.worlds.highway.core.rewards import observe
 from socialiq.worlds.highway.core.vehicle import SPEED_GAIN
 from socialiq.worlds.highway.options import FEATURES, Contact
 from socialiq.worlds.intersection.options import FASTER, IDLE, SIGHT
-from socialiq.worlds.sumo.network import CLASSES
+from socialiq.worlds.sumo.network import CLASSES, PEOPLE, WALKING
 from socialiq.worlds.sumo.traffic import EGO, Scene
 
 STEPS = 10  # of SUMO in a decision of 1 s
@@ -40,7 +40,7 @@ SETTINGS = (
 its time though others wait to enter on its edge, and no schema is fetched or read."""
 
 _CLEARED = 20.0  # m around the ego's entry
-_FRONT = 2.5  # m from the ego's middle to its front
+_FRONT = 2.5  # m from the middle of a vehicle to its front
 _STRIP = 1.5  # m to either side of the ego's middle in which a person is in its way
 _ARRIVED_AT = 25.0  # m along the ego's last edge
 _OWN_SPEED = 0  # speed mode without any check of SUMO
@@ -85,13 +85,13 @@ class Moved(NamedTuple):
         return Moved(Counter(), {}, Counter(), set())
 
     def by_class(self) -> Float[np.ndarray, "class 3"]:
-        """Return metres, hard brakings and seconds waited by class; pedestrians don't brake."""
+        """Return metres, hard brakings and seconds waited by class; walkers don't brake."""
         sums = np.zeros((len(CLASSES), 3))
         numbers = {kind: n for n, kind in enumerate(CLASSES)}
         for name, metres in self.metres.items():
-            kind = numbers[class_of(name)]
-            brakes = kind != numbers["pedestrian"] and self.hardest[name] < HARD
-            sums[kind] += metres, brakes, self.waited[name]
+            kind = class_of(name)
+            brakes = kind not in WALKING and self.hardest[name] < HARD
+            sums[numbers[kind]] += metres, brakes, self.waited[name]
         return sums
 
 
@@ -364,7 +364,7 @@ class Episode:
         return centre, (end - begin) / np.hypot(*(end - begin))
 
     def _bodies(self) -> list[Body]:
-        """Return the ego, then vehicles and bicycles, then pedestrians, as the ego sees the road.
+        """Return the ego, then vehicles and who rides, then who walks, as the ego sees the road.
 
         The junction's middle is the origin, and the ego's approach comes from the south.
         """
@@ -387,15 +387,18 @@ class Episode:
             return Body(x * ny - y * nx, -(x * nx + y * ny), heading, speed, *along, name)
 
         vehicles = [name for name in self.sumo.vehicle.getIDList() if name != EGO]
-        lengths = {"vehicle": 2.5, "bicycle": 0.8, EGO: 2.5}
-        cars = [body(self.sumo.vehicle, n, lengths[class_of(n)]) for n in (EGO, *vehicles)]
+        behind = {kind: user.sumo.length / 2 for kind, user in PEOPLE.items()}
+        cars = [
+            body(self.sumo.vehicle, name, behind.get(class_of(name), _FRONT))
+            for name in (EGO, *vehicles)
+        ]
         return cars + [body(self.sumo.person, n, 0.0) for n in self.sumo.person.getIDList()]
 
     @property
     def observation(self) -> Float32[np.ndarray, " feature"]:
-        """Rows of the ego and of vehicles and bicycles near it, as at the intersection."""
+        """Rows of the ego, and of vehicles and who rides near it, as at the intersection."""
         rows = np.zeros((self.scene.options.road.observed_vehicles, len(FEATURES)), np.float32)
-        visible = [body for body in self.bodies if class_of(body.name) != "pedestrian"]
+        visible = [body for body in self.bodies if class_of(body.name) not in WALKING]
         ego = visible[0]
         along = [body.x * ego.along_x + body.y * ego.along_y for body in visible]
         view = along, 0.0, SIGHT.view(np.recarray)[0], (1.0, 0.0), (len(rows), False)

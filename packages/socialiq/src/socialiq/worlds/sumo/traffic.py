@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+from dataclasses import dataclass, make_dataclass
+from typing import Any, Literal, get_args
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -13,15 +13,28 @@ from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.options import Schema
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.sumo.demand import read_demand
-from socialiq.worlds.sumo.network import CLASSES, read_network
+from socialiq.worlds.sumo.network import CLASSES, PEOPLE, WALKING, read_network
 
 Following = Literal["Krauss", "IDM"]
 MOST_RATE = 10.0  # departures per second of a class, one a sub-step
 
 
+_ClassOptions: Any = make_dataclass(
+    "_ClassOptions",
+    [
+        (f"{kind}_{name}", float, default)
+        for kind, user in PEOPLE.items()
+        for name, default in (("rate", user.sumo.rate), ("weight", 1.0))
+    ],
+    frozen=True,
+)
+
+
 @dataclass(frozen=True)
-class SumoOptions(EffectOptions):
+class SumoOptions(EffectOptions, _ClassOptions):
     """Options of a world in SUMO; those of effects are `EffectOptions`.
+
+    Each class of people (`network.PEOPLE`) has a rate and a weight, as vehicles have.
 
     Raises:
         UserError: If a value is not supported.
@@ -36,15 +49,11 @@ class SumoOptions(EffectOptions):
     duration: float = 20.0  # s after which an episode times out
     warm_up: float = 15.0  # s of traffic before the ego enters
     vehicle_rate: float = 0.3  # departures per second, over all entries
-    bicycle_rate: float = 0.1
-    pedestrian_rate: float = 0.2
     following: Following = "Krauss"  # SUMO's model of car-following
     # schema of the observation: rows as at the intersection, which show no pedestrians, or the
     # vector along the ego's route that is the same for every road
     observation: Schema = "rows"
     vehicle_weight: float = 1.0  # of a class in every effect on it
-    bicycle_weight: float = 1.0
-    pedestrian_weight: float = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -73,6 +82,7 @@ class SumoOptions(EffectOptions):
 EGO = "ego"
 _FROM_JUNCTION = 35.0  # m, mean of the ego's front, as at the intersection; sd 5 m
 _LENGTH = 5.0  # m, of the ego
+_EGO_STREAM = 3  # number of its random stream (`road_users.InSumo`)
 _SPEED = 10.0  # m/s, of the ego
 _NEAREST_DOOR = 5.0  # m from a junction to the nearest place where pedestrians start
 _DOORS = 30.0  # m along which these places lie
@@ -95,8 +105,10 @@ class Scene:
         self.network = read_network(options.net)
         self.user_demand = read_demand(options.demand) if options.demand else None
         self.seconds = options.warm_up + options.decisions(options.road)
-        self.pairs = {kind: list(self.network.routes(kind)) for kind in CLASSES}
-        self.pairs["pedestrian"] = self.network.walks()
+        self.pairs = {
+            kind: self.network.walks(kind) if kind in WALKING else list(self.network.routes(kind))
+            for kind in CLASSES
+        }
         self.entries = set(self.network.ends("vehicle")[0])
         ways = self.network.routes()
         asked = options.start, options.end
@@ -128,7 +140,7 @@ class Scene:
     def front(self, seed: int) -> float:
         """Return where the ego's front enters its first edge, m."""
         length = self.network.edges[self.way[0]].length
-        spread = float(np.random.default_rng([seed, len(CLASSES)]).normal(0.0, 5.0))
+        spread = float(np.random.default_rng([seed, _EGO_STREAM]).normal(0.0, 5.0))
         return round(min(max(length - _FROM_JUNCTION + spread, _LENGTH), length), 2)
 
     def demand(self, seed: int, with_ego: bool) -> str:
@@ -141,7 +153,8 @@ class Scene:
         options = self.options
         departures = self.user_demand.within(begin, self.seconds) if self.user_demand else []
         seconds = 0 if self.user_demand else int(np.ceil(self.seconds))
-        for number, (kind, pairs) in enumerate(self.pairs.items()):
+        for kind, pairs in self.pairs.items():
+            number = PEOPLE[kind].sumo.number if kind in PEOPLE else 0
             stream = np.random.default_rng([seed, number])
             rate = getattr(options, f"{kind}_rate")
             for second in range(seconds if pairs else 0):
@@ -167,20 +180,18 @@ class Scene:
         following = self.options.following
         car = f'vClass="passenger" length="{_LENGTH:g}" width="2" {fixed} '
         car += f'carFollowModel="{following}"{_FOLLOWING[following]}'
-        return [
-            f'<vType id="vehicle" {car}/>',
-            f'<vType id="bicycle" vClass="bicycle" {fixed}/>',
-            '<vType id="pedestrian" vClass="pedestrian" speedDev="0"/>',
-            f'<vType id="{EGO}" {car}/>',
-            *(self.user_demand.types if self.user_demand else ()),
-        ]
+        types = {"vehicle": car, EGO: car}
+        for kind, user in PEOPLE.items():
+            types[kind] = f'vClass="{user.sumo.lanes}" length="{user.sumo.length:g}" {fixed}'
+        lines = [f'<vType id="{kind}" {attributes}/>' for kind, attributes in types.items()]
+        return lines + (self.user_demand.types if self.user_demand else [])
 
     def _departure(
         self, kind: str, name: str, at: float, ends: tuple[str, str], pace: float, door: float
     ) -> str:
         way = f"from={quoteattr(ends[0])} to={quoteattr(ends[1])}"
         who = f'id="{name}" type="{kind}" depart="{at:.1f}" speedFactor="{0.8 + 0.4 * pace:.4f}"'
-        if kind != "pedestrian":
+        if kind not in WALKING:
             return f'<trip {who} {way} departLane="best" departSpeed="max"/>'
         begin = self._beside(ends[0], _NEAREST_DOOR + _DOORS * door)
         end = self._beside(ends[1], _NEAREST_DOOR + _DOORS / 2)
