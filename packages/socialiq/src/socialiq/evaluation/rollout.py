@@ -10,13 +10,15 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float, Int, Int64
+from jaxtyping import Float, Int64
 
+from socialiq.demonstrations.columns import steps_of
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
 from socialiq.errors import UserError
 from socialiq.evaluation import simulate as simulation
 from socialiq.evaluation.exact import Metrics
+from socialiq.evaluation.measures import DECISION, columns_of
 from socialiq.evaluation.simulate import Step, play, simulate
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import OBSERVATION, Ending, Policy, RewardPair
@@ -159,21 +161,18 @@ def rollout_table(
     Raises:
         UserError: If `episodes` is less than 1.
     """
-    episode, step, state, action, after, ending = _steps(table, policy, episodes, seed)
-    mdp = table.mdp
+    columns, _ = transitions_of(_steps(table, policy, episodes, seed))
+    state = columns["observation"]
+    step = steps_of(columns["episode"])
+    columns["observation"] = table.observe(state, step)
+    columns["next_observation"] = table.observe(columns["next_observation"], step + 1)
     transitions = Demonstrations.of(
-        observation=table.observe(state, step),
-        action=action,
-        next_observation=table.observe(after, step + 1),
-        ending=ending,
-        rewards=RewardPair(mdp.rewards.env[state, action], mdp.rewards.social[state, action]),
-        episode=episode,
-        step=step,
+        **columns,
         mode_names=(mode,),
-        n_actions=mdp.n_actions,
+        n_actions=table.mdp.n_actions,
         source={"world": table.world.name, **_options_of(table), "seed": seed, **(source or {})},
     )
-    return Rollout(transitions, table.speed[state, action])
+    return Rollout(transitions, table.speed[state, columns["action"]])
 
 
 def _options_of(table: Table) -> dict[str, Any]:
@@ -198,16 +197,15 @@ def rollout_totals(
     Raises:
         UserError: If `episodes` is less than 1.
     """
-    episode, _, state, action, _, _ = _steps(table, policy, episodes, seed)
-    return np.stack(
-        [np.bincount(episode, reward[state, action]) for reward in table.mdp.rewards], axis=1
-    )
+    rewards = {name: DECISION[name] for name in ("r_env", "r_social")}
+    steps = _steps(table, policy, episodes, seed)
+    return np.stack(columns_of(steps, episodes, rewards).totals, axis=1)
 
 
 def _steps(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
-) -> list[Int[np.ndarray, " transition"]]:
-    """Return columns of all transitions: episode, step, state, action, next state, ending."""
+) -> Iterator[Step]:
+    """Return the decisions of episodes that begin at once and share one source of chance."""
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
     rng = np.random.default_rng(seed)
@@ -219,18 +217,7 @@ def _steps(
         return action
 
     batch = GridBatch(table, episodes, rng)
-    blocks: list[tuple[np.ndarray, ...]] = []
-    for time, step in enumerate(
-        simulate(batch, simulation.ScriptedActor(draw), np.arange(episodes))
-    ):
-        running = np.flatnonzero(step.running)
-        columns = (step.observation, step.action, step.made.state, step.made.ending)
-        blocks.append(
-            (running, np.full_like(running, time), *(column[running] for column in columns))
-        )
-    columns = [np.concatenate(column) for column in zip(*blocks, strict=True)]
-    order = np.argsort(columns[0], kind="stable")
-    return [column[order] for column in columns]
+    return simulate(batch, simulation.ScriptedActor(draw), np.arange(episodes))
 
 
 def rollout_env(

@@ -136,7 +136,7 @@ def _all_outcomes(rules: Callable[..., Outcome]) -> Any:
 class GridStep(NamedTuple):
     """Result of a step in a gridworld, of all rows."""
 
-    state: Int64[np.ndarray, " row"]  # index of the state reached
+    observation: Int64[np.ndarray, " row"]  # index of the state reached
     rewards: RewardPair  # rewards of the step
     ending: Int64[np.ndarray, " row"]  # values of `Ending`; a timeout after the horizon's last step
     contact: Int8[np.ndarray, " row"]  # values of `Contact`: the ego struck, if it collided

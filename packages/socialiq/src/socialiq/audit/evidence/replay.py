@@ -165,7 +165,7 @@ def replayer(
         totals = np.zeros(2)
         for step in simulate(batch, actor, np.array([seed])):
             states = states or [int(step.observation[0])]
-            states.append(int(step.made.state[0]))
+            states.append(int(step.made.observation[0]))
             totals += [float(reward[0]) for reward in step.made.rewards]
         tracks = _tracks(numbered(batch.table, states), 0, set())
         trace = Trace(GRID_PER_SECOND, len(states), tracks)
