@@ -8,7 +8,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.worlds import SUMO_IDS, catalogue
 from socialiq.worlds.catalogue import OLD
-from socialiq.worlds.grammar import build, declared, parse
+from socialiq.worlds.grammar import build, parse
 from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.options import (
@@ -19,6 +19,7 @@ from socialiq.worlds.intersection.options import (
 )
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
+from socialiq.worlds.spelled_out import declared
 
 BUILT = {
     "intersection": Intersection(),

@@ -16,6 +16,7 @@ from socialiq.worlds.highway.views import Lanes
 from socialiq.worlds.highway.ways import way_of
 from socialiq.worlds.intersection.generated import GeneratedOptions
 from socialiq.worlds.intersection.options import EXIT_DISTANCE
+from socialiq.worlds.spelled_out import declared
 
 KINDS = {
     (layout.form, layout.arms, layout.enters): seed
@@ -141,7 +142,7 @@ def test_what_the_text_gives_is_not_drawn():
 
 
 def test_a_declaration_spells_every_property():
-    name, options = grammar.declared("road,seed=17,arms=3")
+    name, options = declared("road,seed=17,arms=3")
     layout = Layout.of_seed(17)
     assert name == "road"
     assert options == {

@@ -169,3 +169,33 @@ def _items(value: Any, name: str) -> Sequence[Any]:
         except tomllib.TOMLDecodeError:
             raise UserError(f"{name} must be a list such as ['a', 'b'], got {value}") from None
     return [item.strip() for item in value.split(",")] if value else []
+
+
+def parse_options(world: str, kind: type[ConfigType], values: Mapping[str, Any]) -> ConfigType:
+    """Return a world's options, of a dataclass, from values by name of the field.
+
+    Args:
+        world: Name of the world, for messages.
+        kind: The dataclass.
+        values: Value of each field that differs from its default.
+
+    Raises:
+        UserError: If a field is unknown, a value is not one that its Literal type lists, or a text
+            is given for a number or a truth value.
+    """
+    kinds = typing.get_type_hints(kind)
+    fields = tuple(field.name for field in dataclasses.fields(kind))  # pyright: ignore[reportArgumentType]
+    for option in values:
+        one_of(f"option of {world}", option, fields)
+    for option, value in values.items():
+        allowed = typing.get_args(kinds[option])
+        if typing.get_origin(kinds[option]) is typing.Literal and value not in allowed:
+            raise UserError(
+                f"unknown value '{value}' for {option} of {world}: "
+                f"choose one of {', '.join(map(str, allowed))}"
+            )
+        if isinstance(value, str) and kinds[option] in (bool, float, int):
+            raise UserError(
+                f"{option} of {world} is a text, '{value}': give a number, true or false"
+            )
+    return kind(**values)

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from socialiq import UserError
-from socialiq.worlds import SCENE_IDS, grammar, registry
+from socialiq.worlds import SCENE_IDS, registry
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.spelled_out import defaults
 
 ROADS = ("intersection", *SCENES)
 FAULTS = {
@@ -126,8 +127,8 @@ def test_environments_show_what_batches_show(name):
 
 def test_options_of_every_road_name_the_wrappers():
     for name in (*ROADS, "merge-caused"):
-        assert {"shift": "", "front_end": ""}.items() <= grammar.defaults(name).items()
-    assert grammar.defaults("merge")["duration"] == 40.0
+        assert {"shift": "", "front_end": ""}.items() <= defaults(name).items()
+    assert defaults("merge")["duration"] == 40.0
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from gymnasium.vector import AutoresetMode
 
 from socialiq.types import Ending
 from socialiq.worlds import OLD_IDS
-from socialiq.worlds.grammar import defaults
 from socialiq.worlds.gym import RoadVectorEnv
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.core.step import off_road as write_off_road
@@ -21,6 +20,7 @@ from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import ContinuousOptions
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
+from socialiq.worlds.spelled_out import defaults
 
 STAYS = ContinuousOptions(actions="continuous_steering")
 ENDS = dataclasses.replace(STAYS, offroad_terminal=True)

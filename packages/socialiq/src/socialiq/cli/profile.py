@@ -28,9 +28,9 @@ from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
 from socialiq.types import Json, Row
 from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
-from socialiq.worlds.grammar import declared as spelled_out
 from socialiq.worlds.grammar import set_options
 from socialiq.worlds.road_users import ROAD_USERS
+from socialiq.worlds.spelled_out import declared as spelled_out
 
 
 def _flags() -> Iterator[tuple[str, Any, None]]:

@@ -202,7 +202,7 @@ def abilities_of(written: grammar.Written) -> Row:
         written,
         "yes" if not world.action_size else "yes, without the errors of Eq 4.2",
         "sampled",
-        "people=0.1" if "pedestrian_rate" in fields else "no",
+        "people=0.1" if catalogue.FIRST_RATE in fields else "no",
         _controls(written),
         "agents=4" if agents else "no",
     )

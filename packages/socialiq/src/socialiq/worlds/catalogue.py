@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from socialiq.foreign import one_line
 from socialiq.worlds import (
     IDS,
     OLD_IDS,
@@ -78,6 +80,9 @@ class Kinds(NamedTuple):
 
 _RATES = {user.key: user.rate for user in ROAD_USERS}
 """Options of the rates at which people arrive, by their short names."""
+
+FIRST_RATE = ROAD_USERS[0].rate
+"""Option of the rate of the class whose people may always arrive."""
 
 _SHORT = {"exit": "destination", **_RATES}
 FAULTS = {field.name for field in dataclasses.fields(Shift)} - {"exit"}
@@ -179,3 +184,27 @@ def keys_of(name: str) -> tuple[str, ...]:
         return ()
     words = WORDS if name in ROADS else ()
     return tuple(dict.fromkeys([*kinds.short, *words, *kinds.fields]))
+
+
+def unknown_option(name: str, key: str) -> str:
+    """Return the line that refuses a key of a named world, and names keys that it has.
+
+    Args:
+        name: Name of the world.
+        key: The key.
+    """
+    kinds = kinds_of(name)
+    assert kinds is not None
+    key = one_line(key, 80)
+    if why := reason_against(name, key):
+        return f"{name} has no {key}: {why}"
+    keys = keys_of(name)
+    near = difflib.get_close_matches(key, keys, 1)
+    known = [field.name for field in dataclasses.fields(kinds.plain)]
+    words = [key for key in keys if key in kinds.short or key in WORDS]
+    meant = f"did you mean {near[0]}? " if near else ""
+    further = "; `socialiq worlds` lists more" if kinds.further else ""
+    return (
+        f"unknown option of {name} '{key}': {meant}choose one of {', '.join([*known, *words])}"
+        f"{further}"
+    )

@@ -4,6 +4,7 @@ Another distribution adds its worlds by an entry point of the group `socialiq.wo
 kind of file (`storage.kind_of`), its object a function from such a file's path to a `World`.
 """
 
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -71,6 +72,15 @@ def refuse_file(name: str) -> None:
     """Refuse a name of a file that holds no world."""
     if names_file(name) and not is_world_file(name):
         raise UserError(_NO_WORLD)
+
+
+def refuse_options(keys: Iterable[str]) -> None:
+    """Refuse options of the world of a file: it has none that a text could change."""
+    for key in keys:
+        raise UserError(
+            f"the world of a file takes no options, got {one_line(key, 80)}: `socialiq data world` "
+            "makes another world"
+        )
 
 
 def load_world(name: str) -> World:

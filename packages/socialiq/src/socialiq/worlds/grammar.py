@@ -9,21 +9,21 @@ shift by its name, as `intersection,people=0.1,late`.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import re
 import tomllib
 import typing
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any, NamedTuple, get_args
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.settings import assignments, typed
+from socialiq.settings import assignments, parse_options, typed
 from socialiq.storage import is_file
-from socialiq.worlds import ENVIRONMENT_PATTERN, crosswalk7, files
+from socialiq.worlds import ENVIRONMENT_PATTERN, files
 from socialiq.worlds.catalogue import (
     FAULTS,
+    FIRST_RATE,
     GRIDS,
     INTERSECTION,
     NAMES,
@@ -31,38 +31,36 @@ from socialiq.worlds.catalogue import (
     OF_PEOPLE,
     OLD,
     PLAIN,
-    ROADS,
     WORDS,
     in_sumo,
     is_road,
-    keys_of,
     kinds_of,
     reason_against,
+    unknown_option,
 )
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.effects import EffectOptions, check_agents
-from socialiq.worlds.highway.kinds import kind_with, parts_of
-from socialiq.worlds.highway.options import AgentOptions, ControlOptions, RoadOptions, Schema
+from socialiq.worlds.highway.kinds import kind_with, parts_of, refuse_incomplete
+from socialiq.worlds.highway.options import RoadOptions, Schema
 from socialiq.worlds.highway.people import PeopleOptions
-from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.shifts import OR, SHIFTS
-from socialiq.worlds.highway.world import (
-    OF_FILES,
-    SENSED,
-    RoadWorld,
-    SceneWorld,
-    sensed_of,
-    world_of,
-)
-from socialiq.worlds.intersection.generated import ROAD, GeneratedOptions, scene_of_layout
-from socialiq.worlds.intersection.options import CrosswalkOptions, Options
+from socialiq.worlds.highway.world import OF_FILES, RoadWorld, SceneWorld, sensed_of, world_of
+from socialiq.worlds.intersection.generated import ROAD, scene_of_layout
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.world import World
 
-Kind = TypeVar("Kind")
-
 _CONTROL = {"discrete": "", "continuous": "continuous", "steering": "continuous_steering"}
 """Values of `control`, and of the field `actions` that they stand for."""
+
+_VALUES = {
+    "reward": ("thesis", "caused"),
+    "control": tuple(_CONTROL),
+    "observation": get_args(Schema),
+}
+"""Values of words of a road that only have some."""
+
+_USUALLY_EMPTY = ("actions", "reward", "shift", "front_end", "agents", "ends", "frame")
 
 
 class Written(NamedTuple):
@@ -126,10 +124,8 @@ def parse(text: str, further: Mapping[str, Any] | None = None) -> Written:
     options = _resolved(name, of_text) | _resolved(name, further or {})
     if name in NAMES and options.get("agents") == 1:
         options |= dict.fromkeys(("agents", "ends", "frame"), "")
-    as_usual = ("actions", "reward", "shift", "front_end", "agents", "ends", "frame")
-    if name in ROADS and options.get("left_hand") is False:
-        del options["left_hand"]
-    left_out = {key for key in as_usual if name in NAMES and options.get(key) == ""}
+    usual: dict[str, Any] = dict.fromkeys(_USUALLY_EMPTY, "") | {"left_hand": False}
+    left_out = {key for key in usual if name in NAMES and options.get(key) == usual[key]}
     return Written(name, {k: v for k, v in options.items() if k not in left_out})
 
 
@@ -203,17 +199,17 @@ def _resolved(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
         if on_road and key in FAULTS - fields.keys():
             shifts.append(f"{key}={value}")
         elif kinds and on_road and key == "control" and "actions" not in fields:
-            raise UserError(_unknown(name, key))
+            raise UserError(unknown_option(name, key))
         elif on_road and key in (WORDS if kinds else OF_FILES):
             options |= _word(key, value)
         elif is_file and key not in OF_CONSTRUCTOR:
             if key in OF_FILES:
                 files.refuse_file(name)
-            raise UserError(_no_option_of_file(key))
+            files.refuse_options([key])
         elif kinds is None or key in OF_CONSTRUCTOR:
             options[key] = _guessed(value) if type(value) is _Text else value
         elif field not in fields:
-            raise UserError(_unknown(name, key))
+            raise UserError(unknown_option(name, key))
         else:
             hints = typing.get_type_hints(fields[field][1])
             options[field] = value
@@ -224,28 +220,18 @@ def _resolved(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     return options
 
 
-def _no_option_of_file(key: str) -> str:
-    return (
-        f"the world of a file takes no options, got {one_line(key, 80)}: `socialiq data world` "
-        "makes another world"
-    )
-
-
 def _word(key: str, value: Any) -> dict[str, Any]:
     """Return the options that a word of a road stands for."""
     if not isinstance(value, str):
         raise UserError(f"{key} must be text, as latency=1, got {value!r}")
     value = str(value)
-    if key == "reward":
-        one_of("reward", value, ("thesis", "caused"))
-        return {"reward": value.replace("thesis", "")}
+    if key in _VALUES:
+        one_of(key, value, _VALUES[key])
     if key == "control":
-        one_of("control", value, tuple(_CONTROL))
         return {"actions": _CONTROL[value]}
-    if key == "observation":
-        one_of("observation", value, get_args(Schema))
-        return {} if value == "rows" else {"observation": value}
-    return {key: value}
+    if key == "reward":
+        value = value.replace("thesis", "")
+    return {} if (key, value) == ("observation", "rows") else {key: value}
 
 
 def _unquoted(text: str) -> str:
@@ -264,25 +250,6 @@ def _guessed(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return str(text)
-
-
-def _unknown(name: str, key: str) -> str:
-    """Return the line that refuses a key."""
-    kinds = kinds_of(name)
-    assert kinds is not None
-    key = one_line(key, 80)
-    if why := reason_against(name, key):
-        return f"{name} has no {key}: {why}"
-    keys = keys_of(name)
-    near = difflib.get_close_matches(key, keys, 1)
-    known = [field.name for field in dataclasses.fields(kinds.plain)]
-    words = [key for key in keys if key in kinds.short or key in WORDS]
-    meant = f"did you mean {near[0]}? " if near else ""
-    further = "; `socialiq worlds` lists more" if kinds.further else ""
-    return (
-        f"unknown option of {name} '{key}': {meant}choose one of {', '.join([*known, *words])}"
-        f"{further}"
-    )
 
 
 def build(name: str, options: Mapping[str, Any] | None = None) -> World:
@@ -310,8 +277,7 @@ def build_written(written: Written) -> World:
         values = dict(options)
         sensed = sensed_of(values)
         schema = values.pop("observation", "rows")
-        if values:
-            raise UserError(_no_option_of_file(next(iter(values))))
+        files.refuse_options(values)
         world = files.load_world(name).showing(schema).shifted(**sensed)
     elif written.in_sumo or re.fullmatch(ENVIRONMENT_PATTERN, name):
         raise UserError(
@@ -350,12 +316,11 @@ def _road(name: str, options: Mapping[str, Any]) -> RoadWorld:
     elif of_effects:
         raise UserError(f"{next(iter(of_effects))} is of what an ego causes: add reward=caused")
     kind = kind_with(PLAIN.get(name, RoadOptions), parts_of(values))
-    _refuse_incomplete(kind, values)
+    refuse_incomplete(kind, values)
     if issubclass(kind, PeopleOptions):
-        values = {"pedestrian_rate": 0.0} | values
-    world: RoadWorld
+        values = {FIRST_RATE: 0.0} | values
     if name == INTERSECTION:
-        world = Intersection(parse_options(name, kind, values), effects)
+        world: RoadWorld = Intersection(parse_options(name, kind, values), effects)
     elif name == ROAD:
         chosen = parse_options(name, kind, values)
         world = SceneWorld(chosen, effects, scene=scene_of_layout(chosen.layout))
@@ -364,21 +329,6 @@ def _road(name: str, options: Mapping[str, Any]) -> RoadWorld:
     if effects is not None:
         check_agents(world.options)
     return world.shifted(**sensed)
-
-
-def _refuse_incomplete(kind: type[RoadOptions], values: Mapping[str, Any]) -> None:
-    """Refuse options whose subject is missing, by naming the word that brings it."""
-    fields = {field.name for field in dataclasses.fields(kind)}
-    for key in values:
-        if key in fields:
-            continue
-        for missing, word in (
-            (PeopleOptions, "people=0.1"),
-            (AgentOptions, "agents=2"),
-            (ControlOptions, "control=continuous"),
-        ):
-            if key in {field.name for field in dataclasses.fields(missing)}:
-                raise UserError(f"{key} needs {word}: add that, or leave {key} out")
 
 
 @functools.lru_cache(maxsize=32)
@@ -395,83 +345,3 @@ def road_of(options: RoadOptions | None = None, effects: EffectOptions | None = 
         effects: Options of a reward of what the ego causes; None for Eq 4.2.
     """
     return Intersection(Options() if options is None else options, effects)  # pyright: ignore[reportArgumentType]
-
-
-def declared(text: str, further: Mapping[str, Any] | None = None) -> tuple[str, dict[str, Any]]:
-    """Return a world's name and options as declarations, reports and saved files have them.
-
-    These names are those of 0.3.0, and the class weights of people are always an option.
-
-    Args:
-        text: The world.
-        further: Options by key that are laid over those of the text.
-    """
-    name, options = written = parse(text, further)
-    left: dict[str, Any] = {
-        key: list(v) if isinstance(v, tuple) else v for key, v in options.items()
-    }
-    if name == INTERSECTION:
-        if written.walks:
-            name += "-crosswalk"
-            if left.get("pedestrian_rate") == CrosswalkOptions.pedestrian_rate:
-                del left["pedestrian_rate"]
-            elif "pedestrian_rate" not in left:
-                left["pedestrian_rate"] = 0.0
-        elif written.control and "agents" not in left:
-            name += f"-{left.pop('actions').replace('_', '-')}"
-            if left.get("offroad_terminal") and name.endswith("steering"):
-                name += "-offroad"
-                del left["offroad_terminal"]
-        if written.caused and not written.control:
-            del left["reward"]
-            name += "-caused"
-    if name == ROAD:
-        fields = {field.name for field in dataclasses.fields(GeneratedOptions)}
-        layout = GeneratedOptions(**{key: left[key] for key in fields & left.keys()})
-        left |= layout.spelled
-    if not written.walks:
-        return name, left
-    weights = {"class_angle": crosswalk7.Options.class_angle}
-    return name, weights | left
-
-
-def defaults(text: str) -> dict[str, Any]:
-    """Return the default of every option of a named world that its name doesn't give, by field."""
-    written = parse(text)
-    kinds = kinds_of(written.name)
-    assert kinds is not None
-    fields = {name: field.default for name, (field, _) in kinds.fields.items()}
-    fields |= vars(world_of(written.name).options) if written.name in SCENES else {}
-    fields |= dict.fromkeys(("reward", *SENSED) if written.name in ROADS else (), "")
-    fixed = written.options.keys() - {"pedestrian_rate"}
-    return {option: default for option, default in fields.items() if option not in fixed}
-
-
-def parse_options(world: str, kind: type[Kind], values: Mapping[str, Any]) -> Kind:
-    """Return a world's options, of a dataclass, from values by name of the field.
-
-    Args:
-        world: Name of the world, for messages.
-        kind: The dataclass.
-        values: Value of each field that differs from its default.
-
-    Raises:
-        UserError: If a field is unknown, a value is not one that its Literal type lists, or a text
-            is given for a number or a truth value.
-    """
-    kinds = typing.get_type_hints(kind)
-    fields = tuple(field.name for field in dataclasses.fields(kind))  # pyright: ignore[reportArgumentType]
-    for option in values:
-        one_of(f"option of {world}", option, fields)
-    for option, value in values.items():
-        allowed = typing.get_args(kinds[option])
-        if typing.get_origin(kinds[option]) is typing.Literal and value not in allowed:
-            raise UserError(
-                f"unknown value '{value}' for {option} of {world}: "
-                f"choose one of {', '.join(map(str, allowed))}"
-            )
-        if isinstance(value, str) and kinds[option] in (bool, float, int):
-            raise UserError(
-                f"{option} of {world} is a text, '{value}': give a number, true or false"
-            )
-    return kind(**values)

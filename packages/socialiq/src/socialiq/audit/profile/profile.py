@@ -30,8 +30,9 @@ from socialiq.worlds.catalogue import (
     scene_named,
 )
 from socialiq.worlds.environment import is_environment
-from socialiq.worlds.grammar import build, defaults, parse
+from socialiq.worlds.grammar import build, parse
 from socialiq.worlds.highway.options import MOST_SPEEDS
+from socialiq.worlds.spelled_out import defaults
 from socialiq.worlds.world import World
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.

@@ -19,8 +19,8 @@ from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Json
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, base
-from socialiq.worlds.grammar import declared as spelled_out
 from socialiq.worlds.road_users import ROAD_USERS
+from socialiq.worlds.spelled_out import declared as spelled_out
 from socialiq.worlds.world import World
 
 _WIDTH = 88

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from socialiq.errors import UserError
 from socialiq.worlds.highway.options import (
     AgentOptions,
     ControlOptions,
@@ -72,6 +73,28 @@ def kind_with(plain: type[RoadOptions], parts: tuple[type[Any], ...]) -> type[An
     # Pickled by its parts: a class that is made here has no name in a module.
     body = {"__doc__": f"Options of a road: {name}.", "__reduce__": reduced, "__module__": __name__}
     return dataclass(frozen=True)(type(name, bases, body))
+
+
+def refuse_incomplete(kind: type[RoadOptions], values: Iterable[str]) -> None:
+    """Refuse options whose part is missing, by naming the word that brings it.
+
+    Args:
+        kind: Kind of the options of a road.
+        values: Names of options.
+
+    Raises:
+        UserError: If an option is one of people, agents or control, and the kind lacks it.
+    """
+    words: dict[type[Any], str] = {
+        PeopleOptions: "people=0.1",
+        AgentOptions: "agents=2",
+        ControlOptions: "control=continuous",
+    }
+    known = {field.name for field in dataclasses.fields(kind)}
+    needs = {field.name: words[part] for part in words for field in dataclasses.fields(part)}
+    for key in values:
+        if key in needs.keys() - known:
+            raise UserError(f"{key} needs {needs[key]}: add that, or leave {key} out")
 
 
 def changed_options(options: RoadOptions, changes: Mapping[str, Any]) -> Any:

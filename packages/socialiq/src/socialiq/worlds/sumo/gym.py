@@ -10,9 +10,9 @@ from gymnasium import spaces
 from jaxtyping import Bool
 
 from socialiq.errors import UserError
+from socialiq.settings import parse_options
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import ROWS, TERMINAL, Ending, RewardPair
-from socialiq.worlds.grammar import parse_options
 from socialiq.worlds.highway.along_route import AlongRoute
 from socialiq.worlds.highway.core.rewards import env_signals
 from socialiq.worlds.highway.effects import SIGNALS, record_of
