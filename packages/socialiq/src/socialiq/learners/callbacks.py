@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import abc
-import importlib
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -173,27 +171,6 @@ def stop_requests() -> Iterator[threading.Event]:
         yield stop
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-class ProgressLine:
-    """Progress of a training as one line, of a notebook's cell or a terminal; an `on_report`."""
-
-    def __init__(self) -> None:
-        self._cell: Any = None
-
-    def __call__(self, report: Report) -> None:
-        """Show the line in the place of the one before."""
-        text = (
-            f"{report.done:,} of {report.total:,} {report.unit}, {report.seconds_left:.0f} s left"
-        )
-        shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-        if shell is None or not hasattr(shell, "kernel"):
-            print(f"\r{text}", end="", file=sys.stderr, flush=True)
-        elif self._cell is None:
-            show = importlib.import_module("IPython.display").display
-            self._cell = show({"text/plain": text}, raw=True, display_id=True)
-        else:
-            self._cell.update({"text/plain": text}, raw=True)
 
 
 class Tracker(abc.ABC):

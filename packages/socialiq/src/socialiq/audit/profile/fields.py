@@ -37,8 +37,6 @@ class Quantity(NamedTuple):
 _METRES = "metres that others drive less than without the policy (cells in a gridworld)"
 _BRAKINGS = "decisions in which others brake harder than 4 m/s^2, less those without the policy"
 _WAITING = "seconds (steps in a gridworld) that pedestrians at crosswalks wait for the policy"
-_OTHERS_WAITING = "seconds that {} wait because of the policy"
-_HIT = "episodes in which it hits a {}"
 _CLOSE = "episodes in which it is where a vehicle of another approach is within 1 s"
 QUANTITIES = {
     "delay": Quantity("costs others", "m", _METRES, (-700.0, 700.0)),
@@ -49,7 +47,7 @@ QUANTITIES = {
         user.delay: Quantity(
             f"makes {user.plural} wait",
             "s",
-            _OTHERS_WAITING.format(user.plural),
+            f"seconds that {user.plural} wait because of the policy",
             (0.0, 100.0),
             user.plural,
         )
@@ -57,7 +55,11 @@ QUANTITIES = {
     },
     **{
         f"{user.name}_hit": Quantity(
-            f"hits a {user.name}", "", _HIT.format(user.name), (0.0, 1.0), user.plural
+            f"hits a {user.name}",
+            "",
+            f"episodes in which it hits a {user.name}",
+            (0.0, 1.0),
+            user.plural,
         )
         for user in ROAD_USERS
     },

@@ -18,7 +18,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import read_text
 from socialiq.worlds.sumo.allowed import DEMAND, copy_allowed
-from socialiq.worlds.sumo.network import LARGEST, PEOPLE, WALKING, root_of, sha256_of_text
+from socialiq.worlds.sumo.network import CLASSES, LARGEST, WALKING, root_of, sha256_of_text
 
 MOST_DEPARTURES = 1_000_000
 _PERSONS = {"person": "person", "personFlow": "person"}
@@ -80,7 +80,7 @@ def _demand(path: Path, text: str) -> Demand:
     types = list[str]()
     departures = list[Departure]()
     kinds = dict[str, str]()  # class of each type
-    riding = {user.sumo.lanes: kind for kind, user in PEOPLE.items() if kind not in WALKING}
+    riding = {row.lanes: row.name for row in reversed(CLASSES.values()) if row.name not in WALKING}
     left_out = Counter[str]()
     for original in root_of(path, text, "routes", remedy):
         tag = original.tag

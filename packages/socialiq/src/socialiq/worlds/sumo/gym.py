@@ -23,7 +23,7 @@ from socialiq.worlds.highway.scenes import ROUTE_ACTIONS
 from socialiq.worlds.intersection.options import ACTIONS, IDLE
 from socialiq.worlds.road_users import FIRST_CODE, ROAD_USERS
 from socialiq.worlds.sumo.isolated import IsolatedEpisode, episode_of
-from socialiq.worlds.sumo.network import CLASSES, PEOPLE
+from socialiq.worlds.sumo.network import CLASSES, VEHICLE
 from socialiq.worlds.sumo.simulation import (
     EgoState,
     Episode,
@@ -163,7 +163,8 @@ class SumoEnv(gymnasium.Env):
     def walks(self) -> bool:
         """Whether people walk or ride: a file of routes may have some, too."""
         options = self.options
-        return bool(options.demand) or any(getattr(options, f"{kind}_rate") for kind in PEOPLE)
+        rates = [getattr(options, f"{kind}_rate") for kind in CLASSES if kind != VEHICLE.name]
+        return bool(options.demand) or any(rates)
 
     def near(self, seconds: float) -> Bool[np.ndarray, " 1"]:
         """Return whether the ego reaches a person in its way within some seconds.
@@ -174,7 +175,7 @@ class SumoEnv(gymnasium.Env):
         assert self.episode is not None
         ego, *bodies = self.episode.bodies
         reach = seconds * max(ego.speed, self.options.road.target_speeds[1])
-        people = [body for body in bodies if class_of(body.name) in PEOPLE]
+        people = [body for body in bodies if class_of(body.name) != VEHICLE.name]
         return np.array([any(gap_ahead(ego, person, seconds) < reach for person in people)])
 
     def braked(self, actions: np.ndarray) -> np.ndarray:

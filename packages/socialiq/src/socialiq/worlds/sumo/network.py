@@ -20,24 +20,19 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import read_text
 from socialiq.worlds import SUMO_NET
-from socialiq.worlds.road_users import ON_FOOT, ROAD_USERS
+from socialiq.worlds.road_users import ON_FOOT, ROAD_USERS, InSumo
 from socialiq.worlds.sumo.allowed import NETWORK, copy_allowed
 
 NETS = {name: Path(__file__).parent / "nets" / f"{name}.net.xml" for name in ("crossing", "row")}
 """Networks that ship, by name."""
 
-PEOPLE = {
-    user.sumo.name: user
-    for user in sorted(ROAD_USERS, key=lambda user: user.sumo.number)
-    if user.sumo.name
-}
-"""Classes of people, by name in SUMO."""
+VEHICLE = InSumo("vehicle", lanes="passenger", rate=0.3, length=5.0)
+_ROWS = (VEHICLE, *(user.sumo for user in ROAD_USERS if user.sumo.name))
+CLASSES = {row.name: row for row in sorted(_ROWS, key=lambda row: row.number)}
+"""Classes of road users by name."""
 
-WALKING = tuple(kind for kind, user in PEOPLE.items() if user.motion == ON_FOOT)
+WALKING = tuple(user.sumo.name for user in ROAD_USERS if user.motion == ON_FOOT)
 """Classes of people who are persons of SUMO. Those who ride are vehicles of SUMO."""
-
-CLASSES = {"vehicle": "passenger"} | {kind: user.sumo.lanes for kind, user in PEOPLE.items()}
-"""Classes of road users: SUMO's class of the lanes of each."""
 
 LARGEST = 1 << 26  # bytes
 MOST_ROUTES = 1000  # ways of an ego that are searched
@@ -258,6 +253,6 @@ def _allowed(lane: Element) -> frozenset[str]:
     allow = lane.get("allow", "").split()
     disallow = lane.get("disallow", "").split()
     allowed = set(CLASSES) if not allow or "all" in allow else set[str]()
-    allowed |= {kind for kind, name in CLASSES.items() if name in allow}
-    refused = {kind for kind, name in CLASSES.items() if name in disallow or "all" in disallow}
+    allowed |= {kind for kind, row in CLASSES.items() if row.lanes in allow}
+    refused = {kind for kind, row in CLASSES.items() if {row.lanes, "all"} & {*disallow}}
     return frozenset(allowed - refused)

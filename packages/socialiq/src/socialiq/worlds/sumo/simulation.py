@@ -25,7 +25,7 @@ from socialiq.worlds.highway.core.rewards import observe
 from socialiq.worlds.highway.core.vehicle import SPEED_GAIN
 from socialiq.worlds.highway.options import FEATURES, Contact
 from socialiq.worlds.intersection.options import FASTER, IDLE, SIGHT
-from socialiq.worlds.sumo.network import CLASSES, PEOPLE, WALKING
+from socialiq.worlds.sumo.network import CLASSES, VEHICLE, WALKING
 from socialiq.worlds.sumo.traffic import EGO, Scene
 
 STEPS = 10  # of SUMO in a decision of 1 s
@@ -45,6 +45,7 @@ _STRIP = 1.5  # m to either side of the ego's middle in which a person is in its
 _ARRIVED_AT = 25.0  # m along the ego's last edge
 _OWN_SPEED = 0  # speed mode without any check of SUMO
 _SUMOS_SPEED = 31  # speed mode with all checks of SUMO
+_NUMBERS = {kind: number for number, kind in enumerate(CLASSES)}
 _holder: list[Any] = []  # the episode that the process' simulation is at
 
 
@@ -87,11 +88,10 @@ class Moved(NamedTuple):
     def by_class(self) -> Float[np.ndarray, "class 3"]:
         """Return metres, hard brakings and seconds waited by class; walkers don't brake."""
         sums = np.zeros((len(CLASSES), 3))
-        numbers = {kind: n for n, kind in enumerate(CLASSES)}
         for name, metres in self.metres.items():
             kind = class_of(name)
             brakes = kind not in WALKING and self.hardest[name] < HARD
-            sums[numbers[kind]] += metres, brakes, self.waited[name]
+            sums[_NUMBERS[kind]] += metres, brakes, self.waited[name]
         return sums
 
 
@@ -263,7 +263,6 @@ class Episode:
         moved = Moved.none()
         closest = np.zeros(len(CLASSES))
         contact = Contact.NONE
-        numbers = {kind: n for n, kind in enumerate(CLASSES)}
         for _ in range(STEPS):
             if driving and contact == Contact.NONE and EGO in self._speeds:
                 speed = self.sumo.vehicle.getSpeed(EGO)
@@ -275,7 +274,7 @@ class Episode:
             contact = self._touched() if contact == Contact.NONE else contact
             ego, *bodies = self._bodies()
             for body in bodies:
-                kind = numbers[class_of(body.name)]
+                kind = _NUMBERS[class_of(body.name)]
                 closest[kind] = max(closest[kind], encounter(ego, body))
         return moved, closest, contact
 
@@ -387,9 +386,8 @@ class Episode:
             return Body(x * ny - y * nx, -(x * nx + y * ny), heading, speed, *along, name)
 
         vehicles = [name for name in self.sumo.vehicle.getIDList() if name != EGO]
-        behind = {kind: user.sumo.length / 2 for kind, user in PEOPLE.items()}
         cars = [
-            body(self.sumo.vehicle, name, behind.get(class_of(name), _FRONT))
+            body(self.sumo.vehicle, name, CLASSES.get(class_of(name), VEHICLE).length / 2)
             for name in (EGO, *vehicles)
         ]
         return cars + [body(self.sumo.person, n, 0.0) for n in self.sumo.person.getIDList()]

@@ -13,7 +13,7 @@ from socialiq.worlds.highway.effects import EffectOptions
 from socialiq.worlds.highway.options import Schema
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.sumo.demand import read_demand
-from socialiq.worlds.sumo.network import CLASSES, PEOPLE, WALKING, read_network
+from socialiq.worlds.sumo.network import CLASSES, VEHICLE, WALKING, read_network
 
 Following = Literal["Krauss", "IDM"]
 MOST_RATE = 10.0  # departures per second of a class, one a sub-step
@@ -23,8 +23,9 @@ _ClassOptions: Any = make_dataclass(
     "_ClassOptions",
     [
         (f"{kind}_{name}", float, default)
-        for kind, user in PEOPLE.items()
-        for name, default in (("rate", user.sumo.rate), ("weight", 1.0))
+        for kind, row in CLASSES.items()
+        for name, default in (("rate", row.rate), ("weight", 1.0))
+        if row != VEHICLE
     ],
     frozen=True,
 )
@@ -34,7 +35,7 @@ _ClassOptions: Any = make_dataclass(
 class SumoOptions(EffectOptions, _ClassOptions):
     """Options of a world in SUMO; those of effects are `EffectOptions`.
 
-    Each class of people (`network.PEOPLE`) has a rate and a weight, as vehicles have.
+    Each class of people (`network.CLASSES`) has a rate and a weight, as vehicles have.
 
     Raises:
         UserError: If a value is not supported.
@@ -48,7 +49,7 @@ class SumoOptions(EffectOptions, _ClassOptions):
     end: str = ""  # edge on which it leaves
     duration: float = 20.0  # s after which an episode times out
     warm_up: float = 15.0  # s of traffic before the ego enters
-    vehicle_rate: float = 0.3  # departures per second, over all entries
+    vehicle_rate: float = VEHICLE.rate  # departures per second, over all entries
     following: Following = "Krauss"  # SUMO's model of car-following
     # schema of the observation: rows as at the intersection, which show no pedestrians, or the
     # vector along the ego's route that is the same for every road
@@ -81,7 +82,6 @@ class SumoOptions(EffectOptions, _ClassOptions):
 
 EGO = "ego"
 _FROM_JUNCTION = 35.0  # m, mean of the ego's front, as at the intersection; sd 5 m
-_LENGTH = 5.0  # m, of the ego
 _EGO_STREAM = 3  # number of its random stream (`road_users.InSumo`)
 _SPEED = 10.0  # m/s, of the ego
 _NEAREST_DOOR = 5.0  # m from a junction to the nearest place where pedestrians start
@@ -141,7 +141,7 @@ class Scene:
         """Return where the ego's front enters its first edge, m."""
         length = self.network.edges[self.way[0]].length
         spread = float(np.random.default_rng([seed, _EGO_STREAM]).normal(0.0, 5.0))
-        return round(min(max(length - _FROM_JUNCTION + spread, _LENGTH), length), 2)
+        return round(min(max(length - _FROM_JUNCTION + spread, VEHICLE.length), length), 2)
 
     def demand(self, seed: int, with_ego: bool) -> str:
         """Return the traffic of an episode as SUMO's XML, with the ego or without.
@@ -154,8 +154,7 @@ class Scene:
         departures = self.user_demand.within(begin, self.seconds) if self.user_demand else []
         seconds = 0 if self.user_demand else int(np.ceil(self.seconds))
         for kind, pairs in self.pairs.items():
-            number = PEOPLE[kind].sumo.number if kind in PEOPLE else 0
-            stream = np.random.default_rng([seed, number])
+            stream = np.random.default_rng([seed, CLASSES[kind].number])
             rate = getattr(options, f"{kind}_rate")
             for second in range(seconds if pairs else 0):
                 count = stream.poisson(rate)
@@ -176,14 +175,13 @@ class Scene:
         return "\n".join(["<routes>", *self._types(), *lines, "</routes>"])
 
     def _types(self) -> list[str]:
-        fixed = 'sigma="0" speedDev="0"'
         following = self.options.following
-        car = f'vClass="passenger" length="{_LENGTH:g}" width="2" {fixed} '
-        car += f'carFollowModel="{following}"{_FOLLOWING[following]}'
-        types = {"vehicle": car, EGO: car}
-        for kind, user in PEOPLE.items():
-            types[kind] = f'vClass="{user.sumo.lanes}" length="{user.sumo.length:g}" {fixed}'
-        lines = [f'<vType id="{kind}" {attributes}/>' for kind, attributes in types.items()]
+        of_cars = f' width="2" carFollowModel="{following}"{_FOLLOWING[following]}'
+        lines = [
+            f'<vType id="{row.name}" vClass="{row.lanes}" length="{row.length:g}" sigma="0" '
+            f'speedDev="0"{of_cars * (row.lanes == VEHICLE.lanes)}/>'
+            for row in (*CLASSES.values(), VEHICLE._replace(name=EGO))
+        ]
         return lines + (self.user_demand.types if self.user_demand else [])
 
     def _departure(
