@@ -1,4 +1,4 @@
-"""How declarations, reports and saved files spell a world: its name of 0.3.0, and its options."""
+"""The spelling of a world in declarations, reports and saved files: a name of 0.3.0, and options."""
 
 from __future__ import annotations
 
