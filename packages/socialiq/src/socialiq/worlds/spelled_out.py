@@ -1,4 +1,4 @@
-"""The spelling of a world in declarations, reports and saved files: a name of 0.3.0, and options."""
+"""The spelling of a world in declarations, reports and saved files: name of 0.3.0, and options."""
 
 from __future__ import annotations
 
