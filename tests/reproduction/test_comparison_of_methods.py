@@ -6,7 +6,8 @@ from socialiq import results_folder as store
 from socialiq.results_folder import from_csv
 from socialiq.storage import packaged_results
 from socialiq_lab.comparison import FRESH, cells_of
-from socialiq_lab.comparison_tables import ROWS, GridRuns, means
+from socialiq_lab.comparison_jobs import ROWS, GridRuns
+from socialiq_lab.comparison_tables import means
 from socialiq_lab.registry import find
 from socialiq_lab.tables import matching
 from studies.compare_methods.intersection import METHODS

@@ -12,7 +12,7 @@ from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import Results
-from socialiq_lab import comparison, comparison_tables
+from socialiq_lab import comparison, comparison_jobs, comparison_tables
 from socialiq_lab.comparison_runs import Arena, Run, in_programs, runs_of, trained
 
 METHODS = comparison.declared_methods(
@@ -103,7 +103,7 @@ def test_wrong_choices_are_one_line(changes, line):
 def test_phases_have_their_own_seeds_and_angles():
     method = METHODS["clone"]
     runs = [
-        comparison_tables.GridRuns.of(config_of(), phase, "crossing5", method, method.settings, 9)
+        comparison_jobs.GridRuns.of(config_of(), phase, "crossing5", method, method.settings, 9)
         for phase in (comparison.DEVELOPMENT, comparison.FRESH)
     ]
     assert [(run.seeds, run.angles) for run in runs] == [((1,), (45.0,)), ((2, 3), (0.0, 90.0))]

@@ -5,7 +5,7 @@ A learner is a function from the common inputs (`Arena`) and the runs to a polic
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from socialiq.learners.acting import dials, soft
 from socialiq.learners.behaviour_cloning import BehaviourCloning
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Collector, Source
+from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as presets
@@ -465,3 +466,13 @@ def reinforcement(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         return dqn.train(static, numbers, sources, arena.sizes, arena.callbacks(), chunk)
 
     return in_programs([settings(run) for run in runs], program)
+
+
+LEARNERS: Mapping[str, Learner] = {
+    "iq_learn": iq_learn(),
+    "clone": offline(BehaviourCloning),
+    "clone_of_best": best_episodes_cloned,
+    "cql": offline(ConservativeQ),
+    "rl": reinforcement,
+}
+"""Learners of the library by the `learner` of a method in STUDY.toml; studies add their own."""
