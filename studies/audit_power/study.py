@@ -6,17 +6,6 @@ from socialiq.audit.seeds import check_episodes
 from socialiq_lab.study import Context, Findings
 from studies.audit_power import grinding, heavy_tails, power
 
-KEYS = {
-    "coverage": ("interval",),
-    "verdicts": ("case",),
-    "grinding": ("policy", "way"),
-    "heavy_tails": ("losses", "regret"),
-    "long_audits": ("losses",),
-    "false_bounds": ("losses",),
-    "price": ("losses", "episodes"),
-}
-"""Columns that name the rows of a table in the summary."""
-
 
 def compute_tables(config: Any, context: Context) -> Findings:
     """Audit simulated drivers many times, and count.
@@ -26,7 +15,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Progress callback; the study has no jobs.
 
     Returns:
-        A table for each of `KEYS`, and the summary by these keys.
+        All tables, and how far a coverage is from its nominal value at most.
 
     Raises:
         UserError: If there are too few episodes, or a count is below 1.
@@ -46,10 +35,4 @@ def compute_tables(config: Any, context: Context) -> Findings:
         "price": heavy_tails.price_rows(max(1, number // 8), seed, *resampling),
     }
     off = [abs(row["covered"] - row["nominal"]) for row in tables["coverage"] if row["exact"]]
-    summary: dict[str, Any] = {}
-    for name, keys in KEYS.items():
-        rows = [row for row in tables[name] if row.get("tries", grinding.TRIES) == grinding.TRIES]
-        summary[name] = {", ".join(str(row[key]) for key in keys): row for row in rows}
-        if name == "verdicts":
-            summary["farthest_off"] = max(off)
-    return Findings(tables, summary)
+    return Findings(tables, {"farthest_off": max(off)})

@@ -29,7 +29,7 @@ from socialiq_lab.audit_arena import default_declaration
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
-from socialiq_lab.tables import column, matching
+from socialiq_lab.tables import column, matching, nested
 from studies.audits import policies as audited
 
 REPORT = declaration("audits")["report"]
@@ -261,14 +261,8 @@ def _at(report: Any, path: str) -> Any:
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """Audits by world, policy and declared angle; counts of verdicts; the printed tables."""
-    audits: dict[str, Any] = {}
-    for row in tables["audits"]:
-        by_angle = audits.setdefault(row["world"], {}).setdefault(row["policy"], {})
-        by_angle[f"{row['declared']:g}"] = row
-    floor: dict[str, Any] = {}
-    for row in tables["published_floor"]:
-        floor.setdefault(row["policy"], {})[row["criterion"]] = row
+    """Counts of verdicts, and the printed tables."""
+    floor = nested(tables["published_floor"], "policy", "criterion", keep="all")
     failing = {
         name: sum("fail" in column([*tests.values()], name) for tests in floor.values())
         for name in ("of_seeds", "of_episodes")
@@ -285,12 +279,11 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
         return result
 
     return {
-        "audits": audits,
         "counts": counts("verdict"),
         "angle_test": counts("direction"),
         "published": {
-            "returns": {row["policy"]: row for row in tables["published_returns"]},
-            "angles": {row["policy"]: row for row in tables["published_angles"]},
+            "returns": nested(tables["published_returns"], "policy", keep="all"),
+            "angles": nested(tables["published_angles"], "policy", keep="all"),
             "floor": floor,
             "floor_failing": failing,
             "policies": len(floor),

@@ -21,7 +21,7 @@ from socialiq_lab.comparison_jobs import ROWS, SPEED, GridRuns, job_rows
 from socialiq_lab.comparison_runs import Arena, Run, trained
 from socialiq_lab.jobs import Inputs, Job, ProgressCallback, write_rows
 from socialiq_lab.study import Context, Findings, View
-from socialiq_lab.tables import column, groups, matching, mean, nested, paired_row, with_holm
+from socialiq_lab.tables import column, groups, matching, mean, paired_row, with_holm
 from studies.compare_methods import intersection, learners
 from studies.compare_methods.intersection import METHODS
 
@@ -130,7 +130,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Finished jobs and their work folder.
 
     Returns:
-        All tables, and the greedy policies' values over all angles as summary.
+        All tables.
     """
     planned = context.jobs
     work = context.work
@@ -141,9 +141,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
     tables["paired"] = paired(fresh)
     if intersection.WORLD in config.worlds:
         tables["demonstrators"] = from_csv(work / intersection.DEMONSTRATORS / ROWS)
-    names = ("setting", "value", "regret", "worst_regret", "steering", "collision", "arrival")
-    greedy = matching(tables["overall"], readout=READOUT)
-    return Findings(tables, nested(greedy, "world", "method", keep=names))
+    return Findings(tables, {})
 
 
 def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:

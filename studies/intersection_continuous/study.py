@@ -44,7 +44,6 @@ from socialiq_lab.tables import (
     labelled,
     matching,
     mean,
-    nested,
     numeric_means,
     paired_differences,
     with_holm,
@@ -219,8 +218,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         _short(kind): {name: mean for name, mean in numeric_means(rows).items() if name != "seed"}
         for (kind,), rows in groups(families, "kind").items()
     }
-    main = nested(tables["main"], "policy", "metric", keep=("mean", "low", "high"))
-    return Findings(tables, {"families": means, "main": main}, files)
+    return Findings(tables, {"families": means}, files)
 
 
 def _policies(config: Any, work: Path) -> list[Row]:
