@@ -21,18 +21,14 @@ def compute_tables(config: Any, context: Context) -> Findings:
         UserError: If there are too few episodes, or a count is below 1.
     """
     check_episodes(config.episodes)
-    episodes = config.episodes
-    number = config.replications
-    seed = config.first_seed
-    resampling = config.resamples, context.on_stage
     tables = {
-        "coverage": power.coverage_rows(episodes, number, seed, *resampling),
-        "verdicts": power.verdict_rows(episodes, number, seed, *resampling),
-        "grinding": grinding.grinding_rows(episodes, config.owners, seed, *resampling),
-        "heavy_tails": heavy_tails.error_rows(episodes, number, seed, *resampling),
-        "long_audits": heavy_tails.long_audit_rows(episodes, number, seed),
-        "false_bounds": heavy_tails.false_bound_rows(episodes, number, seed),
-        "price": heavy_tails.price_rows(max(1, number // 8), seed, *resampling),
+        "coverage": power.coverage_rows(config, context.on_stage),
+        "verdicts": power.verdict_rows(config, context.on_stage),
+        "grinding": grinding.grinding_rows(config, context.on_stage),
+        "heavy_tails": heavy_tails.error_rows(config, context.on_stage),
+        "long_audits": heavy_tails.long_audit_rows(config),
+        "false_bounds": heavy_tails.false_bound_rows(config),
+        "price": heavy_tails.price_rows(config, context.on_stage),
     }
     off = [abs(row["covered"] - row["nominal"]) for row in tables["coverage"] if row["exact"]]
     return Findings(tables, {"farthest_off": max(off)})

@@ -61,13 +61,21 @@ def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
         turning = (abs(env) * social_sd + abs(social) * env_sd) / math.hypot(env, social) ** 2
         regret, rival = _regret(mode, angle)
         spread = _value_sd(mode, angle) + _value_sd(rival, angle)
-        row: Row = {"policy": f"expert {mode}", "declared": angle, "g_env": env, "g_social": social}
-        row |= {"alpha_hat": angle_of(env, social)}
-        row |= {"half_width": math.degrees(1.959964 * turning / math.sqrt(episodes))}
-        row |= {"best_of_the_others": rival, "regret": regret}
-        row |= {"deciding_episodes": episodes_needed(margin.regret - regret, spread, error)}
-        row |= {"explained": _explained(mode, margin.regret), "best_at": _explained(mode, 0.0)}
-        rows.append(row)
+        rows.append(
+            {
+                "policy": f"expert {mode}",
+                "declared": angle,
+                "g_env": env,
+                "g_social": social,
+                "alpha_hat": angle_of(env, social),
+                "half_width": math.degrees(1.959964 * turning / math.sqrt(episodes)),
+                "best_of_the_others": rival,
+                "regret": regret,
+                "deciding_episodes": episodes_needed(margin.regret - regret, spread, error),
+                "explained": _explained(mode, margin.regret),
+                "best_at": _explained(mode, 0.0),
+            }
+        )
     return rows
 
 
@@ -156,8 +164,15 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
             }
             # At which chance alone gives the spread of a share.
             implied = round(mean * (1.0 - mean) / spread**2) if spread else ""
-            row: Row = {"policy": policy, "criterion": name, "share": mean, "spread": spread}
-            row |= {"implied_episodes": implied, "fails_beyond": fails, "passes_within": passes}
+            row: Row = {
+                "policy": policy,
+                "criterion": name,
+                "share": mean,
+                "spread": spread,
+                "implied_episodes": implied,
+                "fails_beyond": fails,
+                "passes_within": passes,
+            }
             for kind, (low, high) in bounds.items():
                 decision = Decision.INCONCLUSIVE
                 if (high < fails) if least else (low > fails):

@@ -190,8 +190,13 @@ def compute_tables(config: Any, context: Context) -> Findings:
     for kind, seed, angle in cells:
         file = driving.episodes_at(work / "evaluation" / kind, run_file(0.0, seed), angle)
         row = policy_row(kind, "greedy", driving.load_episodes(file))
-        label = {"kind": kind, "seed": seed, "asked": angle}
-        label |= {"value": intersection.value_at(row, angle), "regret": 0.0}
+        label = {
+            "kind": kind,
+            "seed": seed,
+            "asked": angle,
+            "value": intersection.value_at(row, angle),
+            "regret": 0.0,
+        }
         dials.append(label | row)
     for row in dials:
         best = max(intersection.value_at(other, row["asked"]) for other in dials + policies)

@@ -129,8 +129,11 @@ class Grid:
         part = self.ground.part
         actions = exact.action_table(policy, part, "greedy")
         metrics = exact.evaluate_exactly(part, actions)
-        row = {"regret": self.ground.optimum.regret(metrics, angle)}
-        row |= {"collision": metrics.collision, "arrival": metrics.arrival}
+        row = {
+            "regret": self.ground.optimum.regret(metrics, angle),
+            "collision": metrics.collision,
+            "arrival": metrics.arrival,
+        }
         key = angle, actions.tobytes()
         if key not in self.decided:
             verdict, _ = self.audits.audited(policy, angle)

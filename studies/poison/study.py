@@ -139,8 +139,13 @@ def check_rows(config: Any, grid: Grid, context: Context) -> Iterator[Row]:
             flagged = consistency(data, basis).flagged
             rates.append((flagged[~bad].mean(), flagged[bad].mean() if bad.any() else np.nan))
         false, caught = np.array(rates).T
-        row: Row = {"attacker": attacker, "share": share, "reference": basis is not None}
-        row |= {"false_alarms": false.mean(), "most_false_alarms": false.max()}
+        row: Row = {
+            "attacker": attacker,
+            "share": share,
+            "reference": basis is not None,
+            "false_alarms": false.mean(),
+            "most_false_alarms": false.max(),
+        }
         yield row | {"caught": caught.mean() if share else ""}
 
 

@@ -17,8 +17,9 @@ from socialiq.plotting.style import SMALLEST, figure, head
 from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
+from socialiq_lab import tables as table_operations
 from socialiq_lab.comparison import GRIDWORLDS, Method
-from socialiq_lab.tables import column, groups, labelled, matching, mean, metrics_of, spread
+from socialiq_lab.tables import column, groups, labelled, matching, mean
 
 
 def chances(
@@ -114,14 +115,15 @@ def tables_of(
     Returns:
         Tables `policies`, `pooled`, `overall`, `references` and `development`.
     """
-    pooled = means(fresh, keys, also)
+    quantities = ("value", "regret")
+    pooled = table_operations.pooled(fresh, keys, quantities, also)
     gridworlds = [world for world in config.worlds if world in GRIDWORLDS]
     return {
         "policies": fresh,
         "pooled": pooled,
         "overall": overall(pooled, [key for key in keys if key != "target_angle"]),
         "references": [row for world in gridworlds for row in references(world, config.angles)],
-        "development": means(developed, keys, also),
+        "development": table_operations.pooled(developed, keys, quantities, also),
     }
 
 
@@ -147,37 +149,11 @@ def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
     return chosen
 
 
-def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) -> list[Row]:
-    """Return means over seeds of the rows of single policies.
-
-    Args:
-        rows: Rows of `rows_of`, or with the same columns.
-        keys: Columns by which rows are put together.
-        also: Further columns whose means are taken.
-
-    Returns:
-        A row for each combination of the keys. α̂ is that of the mean totals. The columns `..._low`
-        and `..._high` have the extremes of single seeds; a value or regret that is unknown is
-        empty.
-    """
-    pooled: list[Row] = []
-    for label, group in labelled(rows, *keys):
-        metrics = exact.mean_of([metrics_of(row) for row in group])
-        row = label | {"seeds": len(group)} | metrics._asdict()
-        for name in ("value", "regret"):
-            ends: Mapping[str, Any] = dict.fromkeys(("mean", "low", "high"), "")
-            if all(one_row[name] != "" for one_row in group):
-                ends = spread(group, name)
-            row |= {name: ends["mean"], f"{name}_low": ends["low"], f"{name}_high": ends["high"]}
-        pooled.append(row | {name: mean(group, name) for name in also})
-    return pooled
-
-
 def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """Return mean J(α), mean regret and worst regret of each method over all target angles.
 
     Args:
-        pooled: Rows of `means`.
+        pooled: Table `pooled` of `tables_of`.
         keys: Columns by which rows are put together; the angle is not among them.
 
     Returns:
@@ -200,7 +176,7 @@ def quantity(results: Results, world: str) -> str:
     """Return the name of the column that a figure shows.
 
     Args:
-        results: Results with a table `pooled` of `means`.
+        results: Results with the tables of `tables_of`.
         world: Name of the world.
 
     Returns:
@@ -219,7 +195,7 @@ def angle_figure(
     """Draw a field for each method and angle: the mean over seeds, and the range if it differs.
 
     Args:
-        results: Results with a table `pooled` of `means`.
+        results: Results with the tables of `tables_of`.
         world: Name of the world.
         labels: Name of each method in the figure.
         readouts: Action selections; each has a panel.

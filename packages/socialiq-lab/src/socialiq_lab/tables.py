@@ -100,30 +100,36 @@ def metrics_of(row: Row) -> Any:
     return Metrics(*(row[name] for name in Metrics._fields))
 
 
-def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
+def pooled(
+    rows: Sequence[Row],
+    keys: Sequence[str],
+    ranges: Sequence[str] = ("angle",),
+    averaged: Sequence[str] = ("regret",),
+) -> list[Row]:
     """Return means over seeds of rows with equal keys.
 
     Args:
-        rows: Rows with exact metrics and a regret, one for each seed.
+        rows: Rows with exact metrics, one for each seed.
         keys: Columns by which rows are put together.
+        ranges: Columns of which the least and the greatest value of a single seed are returned too,
+            as `..._low` and `..._high`. All three are empty if a value is unknown.
+        averaged: Further columns whose means are returned.
 
     Returns:
-        A row for each combination of the keys. Its angle is that of the mean totals; `angle_low`
-        and `angle_high` are the least and greatest angle of a single seed.
+        A row for each combination of the keys. Its angle is that of the mean totals.
     """
     from socialiq.evaluation.exact import mean_of
 
     means = []
     for label, group in labelled(rows, *keys):
         metrics = mean_of([metrics_of(row) for row in group])
-        angles = column(group, "angle")
-        means.append(
-            label
-            | {"seeds": len(group)}
-            | metrics._asdict()
-            | {"angle_low": min(angles), "angle_high": max(angles)}
-            | {"regret": mean(group, "regret")}
-        )
+        row = label | {"seeds": len(group)} | metrics._asdict()
+        for name in ranges:
+            known = "" not in column(group, name)
+            ends = spread(group, name) if known else dict.fromkeys(("mean", "low", "high"), "")
+            row.setdefault(name, ends["mean"])
+            row |= {f"{name}_{end}": ends[end] for end in ("low", "high")}
+        means.append(row | {name: mean(group, name) for name in averaged})
     return means
 
 
