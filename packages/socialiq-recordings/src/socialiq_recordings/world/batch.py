@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 
 from socialiq.worlds.highway.along_route import AlongRoute
 from socialiq.worlds.highway.batch import RoadBatch
@@ -114,14 +114,15 @@ class JunctionBatch(RoadBatch):
         if options.along_route:
             self._along = AlongRoute(world.ego, world.max_speed)
 
-    def _agents(self) -> np.ndarray:
+    def _agents(self, results: Int64[np.ndarray, " chosen"]) -> np.ndarray:
         assert self._along is not None
-        own = np.zeros(self.size, AGENT)
-        ways = self._egos_ways
-        own["way"] = self._along.numbers(ways, lambda row: self._route(int(ways[row])))
-        own["seconds_left"] = self.options.duration - self.clocks / self.options.policy_frequency
-        own["cos"] = 1.0
-        return own
+        agents = np.zeros(len(results), AGENT)
+        ways = self._egos_ways[results]
+        agents["way"] = self._along.numbers(ways, lambda row: self._route(int(ways[row])))
+        seconds = self.clocks[results] / self.options.policy_frequency
+        agents["seconds_left"] = self.options.duration - seconds
+        agents["cos"] = 1.0
+        return agents
 
     @property
     def _egos_ways(self) -> np.ndarray:

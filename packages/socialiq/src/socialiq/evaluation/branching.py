@@ -71,23 +71,24 @@ def branched_returns(
     """
     size = batch.size
     count = batch.n_actions
-    now = batch.save()
-    copies = batch.branch(np.repeat(np.arange(size), count))
     same = batch.equivalent_actions
     same[batch.late] = np.arange(count)  # an action takes effect at another speed
-    running = (same == np.arange(count)).ravel() & np.repeat(~now.waiting, count)
+    episodes, first = np.nonzero((same == np.arange(count)) & batch.running[:, None])
+    if not len(episodes):
+        return RewardPair(np.zeros((size, count)), np.zeros((size, count)))
+    copies = batch.branch(episodes)
+    branches = episodes * count + first
     totals: list[np.ndarray] = []
-    turned = None if angles is None else np.repeat(angles, count, axis=0)
+    turned = None if angles is None else angles[episodes]
 
     def act(rows: np.ndarray) -> np.ndarray:
         return follow(observed(copies, clock, turned)[rows])
 
-    for decided, decisions in rollouts(copies, np.tile(np.arange(count), size), running, act):
+    for decided, decisions in rollouts(copies, first, np.ones(len(episodes), bool), act):
         parts = decisions.rewards.parts
         totals = totals or [np.zeros(size * count) for _ in parts]
         for total, part in zip(totals, parts, strict=True):
-            total[decided] += part[decided]
-    totals = totals or [np.zeros(size * count)] * 2
+            total[branches[decided]] += part[decided]
     env, *social = (np.take_along_axis(t.reshape(size, count), same, axis=1) for t in totals)
     return RewardPair(env, ByClass(*social) if len(social) > 1 else social[0])
 
@@ -96,7 +97,7 @@ def branched_fleet_returns(
     batch: RoadBatch,
     follow: Act,
     clock: bool,
-    angles: Float[np.ndarray, "batch agent"],
+    angles: Float[np.ndarray, "batch agent ..."],
     chosen: Int64[np.ndarray, " batch"],
 ) -> RewardPair:
     """Return for each action of one agent of a fleet its sum of r_env, and that of its partners.
@@ -109,7 +110,7 @@ def branched_fleet_returns(
         batch: Fleets, on the core; they are not changed.
         follow: Policy of all agents.
         clock: Whether it observes the time.
-        angles: Of each agent in degrees.
+        angles: Of each agent in degrees, or rows of two angles.
         chosen: Number of the agent that takes each action.
     """
     size = batch.size

@@ -269,21 +269,60 @@ def dial_labeller(
     batch: Any = world.batch(min(environments, states))
 
     def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
-        batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
-        angles = stratified_angles(structure, batch.size, rng)
-        labelled = []
-        if structure.classes:
-            margin = structure.margin
-            of_class = rng.uniform(-margin, 90.0 + margin, batch.size)
-            angles = np.column_stack([angles, of_class])
-        for _ in range(-(-states // batch.size)):
-            observation = observed(batch, clock, angles)
-            returns = branched_returns(batch, follow, clock, angles)
-            labelled.append(policy_iteration.Labelled(observation, returns))
-            batch.step(visit(observation))
-        return jax.tree.map(lambda *columns: np.concatenate(columns)[:states], *labelled)
+        return label_states(structure, batch, states, clock, (follow, visit), rng)
 
     return label
+
+
+def label_states(
+    structure: policy_iteration.DialIterationConfig,
+    batch: Any,
+    states: int,
+    clock: bool,
+    policies: tuple[Act, Act],
+    rng: np.random.Generator,
+) -> policy_iteration.Labelled:
+    """Return labelled states of new episodes, each of which has its angle.
+
+    Args:
+        structure: Structure of the iteration.
+        batch: Episodes of one vehicle, which are begun anew.
+        states: Number of states.
+        clock: Whether observations end with the time, before the angle.
+        policies: Policy that copies follow, and policy that visits states.
+        rng: Random numbers of the episodes and their angles.
+
+    Returns:
+        The states, with the sums of rewards of each action.
+    """
+    follow, visit = policies
+    batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
+    angles = drawn_angles(structure, batch.size, rng)
+    labelled = []
+    for _ in range(-(-states // batch.size)):
+        observation = observed(batch, clock, angles)
+        returns = branched_returns(batch, follow, clock, angles)
+        labelled.append(policy_iteration.Labelled(observation, returns))
+        batch.step(visit(observation))
+    return jax.tree.map(lambda *columns: np.concatenate(columns)[:states], *labelled)
+
+
+def drawn_angles(
+    structure: policy_iteration.DialIterationConfig, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return angles of episodes in degrees, (count,); with classes both angles, (count, 2).
+
+    Args:
+        structure: Structure of the iteration.
+        count: Number of episodes.
+        rng: Random numbers.
+    """
+    angles = stratified_angles(structure, count, rng)
+    if not structure.classes:
+        return angles
+    margin = structure.margin
+    of_class = rng.uniform(-margin, 90.0 + margin, count)
+    return np.column_stack([angles, of_class])
 
 
 def shifted(
@@ -357,21 +396,45 @@ def fleet_labeller(
     batch = world.batch(min(environments, states))
 
     def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
-        batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
-        angles = stratified_angles(structure, math.prod(batch.shape), rng).reshape(batch.shape)
-        angles[1::2] = rng.permutation(angles[1::2].ravel()).reshape(angles[1::2].shape)
-        labelled = []
-        fleets = np.arange(batch.size)
-        for _ in range(-(-states // batch.size)):
-            observation = observed(batch, clock, angles).reshape(angles.size, -1)
-            chosen = (batch.driving * rng.random(batch.shape)).argmax(axis=1)
-            returns = branched_fleet_returns(batch, follow, clock, angles, chosen)
-            rows = fleets * batch.shape[1] + chosen
-            labelled.append((observation[rows], *returns))
-            batch.step(visit(observation).reshape(batch.shape))
-        observations, env, social = (
-            np.concatenate(column)[:states] for column in zip(*labelled, strict=True)
-        )
-        return policy_iteration.Labelled(observations, RewardPair(env, social))
+        return label_fleets(structure, batch, states, clock, (follow, visit), rng)
 
     return label
+
+
+def label_fleets(
+    structure: policy_iteration.DialIterationConfig,
+    batch: Any,
+    states: int,
+    clock: bool,
+    policies: tuple[Act, Act],
+    rng: np.random.Generator,
+) -> policy_iteration.Labelled:
+    """Return labelled states of one agent of each of new fleets; see `fleet_labeller`.
+
+    Args:
+        structure: Structure of the iteration.
+        batch: Fleets, which are begun anew.
+        states: Number of states.
+        clock: Whether observations end with the time, before the angle.
+        policies: Policy that all agents of copies follow, and policy that visits states.
+        rng: Random numbers of the fleets, their angles and the labelled agents.
+
+    Returns:
+        The states, with the sums of rewards of each action.
+    """
+    follow, visit = policies
+    batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
+    angles = drawn_angles(structure, math.prod(batch.shape), rng)
+    angles = angles.reshape(*batch.shape, *angles.shape[1:])
+    mixed = angles[1::2]
+    angles[1::2] = rng.permutation(mixed.reshape(-1, *angles.shape[2:])).reshape(mixed.shape)
+    labelled = []
+    fleets = np.arange(batch.size)
+    for _ in range(-(-states // batch.size)):
+        observation = observed(batch, clock, angles).reshape(math.prod(batch.shape), -1)
+        chosen = (batch.driving * rng.random(batch.shape)).argmax(axis=1)
+        returns = branched_fleet_returns(batch, follow, clock, angles, chosen)
+        rows = fleets * batch.shape[1] + chosen
+        labelled.append(policy_iteration.Labelled(observation[rows], returns))
+        batch.step(visit(observation).reshape(batch.shape))
+    return jax.tree.map(lambda *columns: np.concatenate(columns)[:states], *labelled)

@@ -112,6 +112,8 @@ class RoadBatch(abc.ABC):
             self.ledger = Ledger.of(self._effects, buffers.vehicles.shape[1], size)
         # schema along the route, of a road whose options ask for it
         self._along: AlongRoute | None = None
+        self._observed = np.zeros((len(buffers.ending), 0), np.float32)  # in that schema
+        self._outdated = np.ones(len(buffers.ending), bool)  # results whose state has changed since
         self._waiting = np.ones(size, bool)  # for a reset
         self.begun = np.zeros(size, bool)  # rows whose random stream has begun
 
@@ -224,11 +226,26 @@ class RoadBatch(abc.ABC):
         """Current observation of every agent, zeros after it has left."""
         if self._along is None:
             return self.shown_rows.reshape(*self.shape, -1).copy()
-        return self._along(self.shown_rows, self._agents()).reshape(*self.shape, -1)
+        outdated = np.flatnonzero(self._outdated)
+        if len(outdated):
+            observed = self._along(self.shown_rows[outdated], self._agents(outdated))
+            if not self._observed.size:
+                self._observed = np.zeros((len(self._outdated), observed.shape[1]), np.float32)
+            self._observed[outdated] = observed
+            self._outdated[:] = False
+        return self._observed.reshape(*self.shape, -1).copy()
+
+    def _outdate(self, episodes: Bool[np.ndarray, " batch"]) -> None:
+        """Note that the state of some episodes has changed since they were observed."""
+        self._outdated |= np.repeat(episodes, self.options.agents)
 
     @abc.abstractmethod
-    def _agents(self) -> np.ndarray:
-        """Return what every agent knows of itself, AGENT records (result,)."""
+    def _agents(self, results: Int64[np.ndarray, " chosen"]) -> np.ndarray:
+        """Return what some agents know of themselves, AGENT records (chosen,).
+
+        Args:
+            results: Number of each agent, those of one episode in turn.
+        """
 
     @property
     def driving(self) -> Bool[np.ndarray, "*batch"]:
@@ -293,6 +310,7 @@ class RoadBatch(abc.ABC):
         unused = np.zeros(len(self.buffers.ending), np.int64)
         self._run(commands, entropy, chosen & (seeds is not None), unused)
         self.measure(BEGIN, chosen)
+        self._outdate(chosen)
         self._waiting[chosen] = False
         self.begun[chosen] = True
         return self.observation
@@ -318,6 +336,7 @@ class RoadBatch(abc.ABC):
         self.measure(PREPARE, deciding)
         self._run(commands, np.zeros(self.size, np.uint64), np.zeros(self.size, bool), chosen)
         self.measure(ACCOUNT, deciding)
+        self._outdate(deciding)
         joint = not self._settings["each"][0]
         ended = deciding & is_over(self.buffers.ending.reshape(self.size, -1), joint)
         decisions = self._decisions()
@@ -378,6 +397,7 @@ class RoadBatch(abc.ABC):
                 )
         for column, saved in zip(columns, values, strict=True):
             column[:] = saved
+        self._outdated[:] = True
         self.begun[:] = self.buffers.episodes["increment_low"] != 0  # odd in every stream
 
 

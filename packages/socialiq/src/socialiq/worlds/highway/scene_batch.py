@@ -52,14 +52,14 @@ def agents_of(schema: AlongRoute, agents: np.ndarray, scene: Scene, walks: bool)
     """
     from socialiq.worlds.highway.ways import route_of  # imports Numba
 
-    own = np.zeros(len(agents), AGENT)
+    known = np.zeros(len(agents), AGENT)
     table = scene.road.routes.shape[1], len(scene.road.lanes)
     keys = (agents["route"].astype(np.int64) + 1) * table[0] + agents["destination"] + 1
     keys = keys * table[1] + agents["target_lane"]
-    own["way"] = schema.numbers(keys, lambda at: route_of(agents[at], scene.road, walks))
-    own["target_speed"] = agents["target_speed"]
-    own["cos"] = 1.0
-    return own
+    known["way"] = schema.numbers(keys, lambda at: route_of(agents[at], scene.road, walks))
+    known["target_speed"] = agents["target_speed"]
+    known["cos"] = 1.0
+    return known
 
 
 def commands(actions: Float[np.ndarray, "row value"]) -> list[Float[np.ndarray, " row"]]:
@@ -140,22 +140,23 @@ class Batch(RoadBatch):
             actions = np.zeros(len(actions), np.int64)
         super()._run(command, seeds, seeded, actions)
 
-    def _agents(self) -> np.ndarray:
+    def _agents(self, results: Int64[np.ndarray, " chosen"]) -> np.ndarray:
         assert self._along is not None
         buffers = self.buffers
-        rows = np.arange(self.size)[:, None]
-        controlled = buffers.episodes["controlled"][:, : self.options.agents]
-        left = buffers.after[rows, buffers.present[:, 1:]]  # as it was when it left
-        agents = np.where(controlled >= 0, buffers.vehicles[rows, controlled], left)
-        own = agents_of(self._along, agents.reshape(-1), self.scene, self.walks is not None)
-        own["seconds_left"] = self.options.duration - self.clocks / self.options.policy_frequency
+        rows, numbers = np.divmod(results, self.options.agents)
+        controlled = buffers.episodes["controlled"][rows, numbers]
+        left = buffers.after[rows, buffers.present[rows, 1 + numbers]]  # as it was when it left
+        vehicles = np.where(controlled >= 0, buffers.vehicles[rows, controlled], left)
+        agents = agents_of(self._along, vehicles, self.scene, self.walks is not None)
+        seconds = self.clocks[results] / self.options.policy_frequency
+        agents["seconds_left"] = self.options.duration - seconds
         if self._settings["own_frame"][0]:
-            own["cos"], own["sin"] = self.road.frames[agents["origin"].ravel()].T
-        available = self.action_mask.reshape(len(own), -1)
-        own["left"], own["right"] = (
+            agents["cos"], agents["sin"] = self.road.frames[vehicles["origin"]].T
+        available = self.action_mask.reshape(-1, self.n_actions)[results]
+        agents["left"], agents["right"] = (
             available[:, self.scene.actions.index(action)] for action in SIDES
         )
-        return own
+        return agents
 
     @property
     def equivalent_actions(self) -> Int64[np.ndarray, "*batch action"]:

@@ -148,6 +148,7 @@ class ShiftedBatch(RoadBatch):
         """Show some agents' states, after the actions that were decided."""
         if not rows.any():
             return
+        self._outdated |= rows
         true = self.buffers.observation.reshape(len(rows), -1)[rows]
         key = self._key[rows]
         time = self._by_result(super().time)[rows]

@@ -1,0 +1,111 @@
+"""Training of the driver: policy iteration of one dial of two angles over a mixture of worlds.
+
+Each chunk of updates draws new worlds from the mixture, labels the states that the driver visits in
+them by rollouts of every action, and adds them to the ring that the network is fitted to
+(`learners.policy_iteration`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from socialiq.driver.mixture import world_of_seed
+from socialiq.evaluation import road_training
+from socialiq.learners import policy_iteration
+from socialiq.learners.policy_iteration import (
+    DialIterationConfig,
+    IterationHyperparameters,
+    Labelled,
+    Labeller,
+)
+from socialiq.types import Act, ByClass, RewardPair
+from socialiq.worlds import grammar
+from socialiq.worlds.highway.observation import N_FEATURES
+
+STRUCTURE = DialIterationConfig(
+    view="set",
+    classes=True,
+    hidden=(128, 128),
+    batch_size=256,
+    updates=10_000,
+    states_per_update=32,
+    first_rounds=4,
+    replay_capacity=160_000,
+)
+"""Choices that shape the training; the number of updates is that of one hour or so."""
+
+NUMBERS = IterationHyperparameters(learning_rate=1e-3, regression=0.4, exploration_fall=1e-6)
+"""Numbers of one run."""
+
+N_ACTIONS = 5  # slower, idle, faster, lane left, lane right
+SIZES = N_FEATURES, N_ACTIONS
+"""Features of an observation, and actions."""
+
+WORLDS = 8  # of a chunk of updates
+ROUNDS = 20  # decisions of its episodes at which states are labelled
+
+
+def labeller(structure: DialIterationConfig) -> Labeller:
+    """Return the labeller of a run over the mixture.
+
+    Args:
+        structure: Structure of the iteration, with both angles.
+
+    Returns:
+        A function of the policies that copies and episodes follow, and of the random numbers. It
+        draws `WORLDS` worlds and returns equal shares of their states, a chunk of updates in all.
+    """
+    states = -(-road_training.CHUNK * structure.states_per_update // WORLDS)
+
+    def label(follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
+        seeds = rng.integers(2**63, size=WORLDS)
+        policies = follow, visit
+        labelled = [label_world(structure, world_of_seed(int(s)), states, policies, rng) for s in seeds]
+        chunk = road_training.CHUNK * structure.states_per_update
+        return jax.tree.map(lambda *columns: np.concatenate(columns)[:chunk], *labelled)
+
+    return label
+
+
+def label_world(
+    structure: DialIterationConfig,
+    text: str,
+    states: int,
+    policies: tuple[Act, Act],
+    rng: np.random.Generator,
+) -> Labelled:
+    """Return labelled states of new episodes of a world.
+
+    Args:
+        structure: Structure of the iteration, with both angles.
+        text: The world.
+        states: Number of states.
+        policies: Policy that copies follow, and policy that visits states.
+        rng: Random numbers of the episodes and their angles.
+
+    Returns:
+        The states, with the sums of r_env and of both classes of r_social for each action. Without
+        people the second class gets 0.
+    """
+    world: Any = grammar.build(text)
+    is_fleet = world.agents > 1
+    if world.walks and not is_fleet:
+        world = world.with_parts()
+    batch = world.batch(-(-states // ROUNDS))
+    label: Any = road_training.label_fleets if is_fleet else road_training.label_states
+    labelled = label(structure, batch, states, False, policies, rng)
+    social = labelled.returns.social
+    if not isinstance(social, ByClass):
+        social = ByClass(social, np.zeros_like(social))
+    return labelled._replace(returns=RewardPair(labelled.returns.env, social))
+
+
+def train(structure: DialIterationConfig, runs: Any, callbacks: Any = None) -> Any:
+    """Train a driver for each entry of `runs`, as `policy_iteration.train`."""
+    labellers = [labeller(structure)] * len(runs)
+    return policy_iteration.train(
+        structure, runs, labellers, SIZES, callbacks, road_training.CHUNK
+    )
