@@ -140,13 +140,13 @@ def train_method(
     rows: list[Row] = []
     for number, (run, policy) in enumerate(zip(runs, policies, strict=True)):
         files: dict[int, str] = {}
-        turned = [policy.at(a) if hasattr(policy, "at") else policy for a in served[run.angle]]
-        for angle, turned_policy in zip(served[run.angle], turned, strict=True):
-            if id(turned_policy) not in files:  # one policy may serve several angles
-                files[id(turned_policy)] = f"{number}_{len(files)}.safetensors"
-                turned_policy.save(folder / files[id(turned_policy)])
+        turned = [comparison_runs.turned(policy, angle) for angle in served[run.angle]]
+        for angle, at_angle in zip(served[run.angle], turned, strict=True):
+            if id(at_angle) not in files:  # one policy may serve several angles
+                files[id(at_angle)] = f"{number}_{len(files)}.safetensors"
+                at_angle.save(folder / files[id(at_angle)])
             label = {"setting": comparison.setting_name(run.setting), "seed": run.seed}
-            rows.append(label | {"target_angle": angle, "file": files[id(turned_policy)]})
+            rows.append(label | {"target_angle": angle, "file": files[id(at_angle)]})
     write_rows(folder / POLICIES, rows)
     write_rows(folder / SPEED, [arena.speed_row(WORLD, method, len(runs))])
     on_progress(1.0)

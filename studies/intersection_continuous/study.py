@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from socialiq import UserError
 from socialiq.evaluation import road_training as road
 from socialiq.evaluation import rollout
 from socialiq.evaluation.episodes import policy_row
@@ -63,12 +62,6 @@ POLICIES = {
 tables, and whether there is a run for every angle."""
 KINDS = tuple(name for name in PROGRAMS if name not in POLICIES)
 """Jobs that train dials."""
-
-
-def check(config: Any) -> None:
-    """Refuse settings without a training seed or an angle."""
-    if not config.seeds or not config.learner_seeds or not config.angles:
-        raise UserError("name at least one training seed, of dials and of learners, and angle")
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """Jobs of a comparison in gridworlds: train a method, evaluate every policy exactly, write rows."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,13 +7,11 @@ from typing import Any
 
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.rollout import trajectory_datasets
-from socialiq.learners import collect
-from socialiq.learners.iq_learn import config as presets
+from socialiq.learners.callbacks import Report
 from socialiq.results_folder import from_csv
 from socialiq.types import Row
-from socialiq.worlds.gym import GridWorldEnv
 from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
-from socialiq_lab.comparison_runs import Arena, Run, runs_of
+from socialiq_lab.comparison_runs import Arena, Run, grid_arena, runs_of
 from socialiq_lab.comparison_tables import rows_of
 from socialiq_lab.jobs import Job, ProgressCallback, Work, write_rows
 
@@ -79,17 +76,12 @@ class GridRuns:
             ground: The world, enumerated.
             on_progress: Called with the share of the job that is done; training takes 0.9 of it.
         """
-        rates = {"learning_rate": self.learning_rate, "polyak": self.polyak}
-        return Arena(
-            presets.TABLE_C1,
-            dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
-            self.updates,
-            trajectory_datasets(ground.table, self.seeds, EPISODES_EACH[self.world]),
-            ground.table.world,
-            lambda steps: collect.from_env(GridWorldEnv(self.world), steps),
-            lambda report: on_progress(0.9 * report.done / report.total),
-            chunk=self.chunk,
-        )
+        datasets = trajectory_datasets(ground.table, self.seeds, EPISODES_EACH[self.world])
+
+        def on_report(report: Report) -> None:
+            on_progress(0.9 * report.done / report.total)
+
+        return grid_arena(ground.table, datasets, self, self.chunk, on_report)
 
 
 def grid_job(

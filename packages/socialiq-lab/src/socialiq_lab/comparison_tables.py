@@ -19,6 +19,7 @@ from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab import tables as table_operations
 from socialiq_lab.comparison import GRIDWORLDS, Method
+from socialiq_lab.comparison_runs import turned
 from socialiq_lab.tables import column, groups, labelled, matching, mean
 
 
@@ -36,12 +37,11 @@ def chances(
     Returns:
         (state, action), one-hot for the greedy action.
     """
-    if isinstance(policy, Mapping):
-        table = policy[angle]
-        greedy = np.eye(table.shape[1])[table.argmax(axis=1)]
-        return greedy if readout == "greedy" else table
-    turned = policy.at(angle) if hasattr(policy, "at") else policy
-    return exact.action_table(turned, ground.part, readout)
+    at_angle = turned(policy, angle)
+    if not isinstance(at_angle, np.ndarray):
+        return exact.action_table(at_angle, ground.part, readout)
+    greedy = np.eye(at_angle.shape[1])[at_angle.argmax(axis=1)]
+    return greedy if readout == "greedy" else at_angle
 
 
 def rows_of(

@@ -2,8 +2,9 @@
 
 `[config]` holds the settings and their defaults; in it "$method" stands for the names of all tables
 `[method.NAME]`, and a table with the key `of` for a dataclass of this project, or an instance, with
-other values. `counts` names the settings that must be at least 1. Elsewhere "$name" is the value of
-a setting, "$name.0" its first item, "{name}" its text, and "@field" in a label the field of a run.
+other values. `counts` names the settings that must be at least 1, and lists of at least one item.
+Elsewhere "$name" is the value of a setting, "$name.0" its first item, "{name}" its text, and
+"@field" in a label the field of a run.
 `[defaults]` holds what every `[[train]]` shares. docs/add-a-study.md explains the grammar.
 
 What has no grammar is a function in `study.py` of the same folder, named with "python": a prior,
@@ -122,10 +123,16 @@ def config_class(
         else:
             raise UserError(f"{name}: {key} must be a number, a text, true, false or a list")
 
+    counts = content.get("counts", ())
+
     def refuse(config: Any) -> None:
         from socialiq.learners.settings import check_counts
 
-        check_counts(config, content.get("counts", ()))
+        lists = [name for name in counts if isinstance(getattr(config, name), tuple)]
+        for name in lists:
+            if not getattr(config, name):
+                raise UserError(f"{name} must name at least one")
+        check_counts(config, [name for name in counts if name not in lists])
         if check is not None:
             check(config)
 
