@@ -84,8 +84,9 @@ def phase_jobs(config: Any, phase: str, chosen: Mapping[tuple[str, str], str] | 
         updates = updates_of(method, config.updates)
         runs = GridRuns.of(config, phase, world, method, settings, updates)
         name = f"methods/{world}/{phase}/{method.name}"
-        peer = (8.0, learners.environment_job(method.peer).name) if method.peer else ()
-        planned.append(comparison_jobs.grid_job(name, run_method, runs, method, *peer))
+        inputs = (learners.environment_job(method.peer).name,) if method.peer else ()
+        seconds = 8.0 if method.peer else 1.0
+        planned.append(comparison_jobs.grid_job(name, run_method, runs, method, seconds, *inputs))
     return planned
 
 

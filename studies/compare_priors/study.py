@@ -41,10 +41,11 @@ DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
 """Hyperparameters that a dial has in common with the other rows."""
 
 
-LEARNERS: Mapping[str, Learner] = comparison_runs.LEARNERS | {
+LEARNERS: Mapping[str, Learner] = {
+    **comparison_runs.LEARNERS,
     "dial": comparison_runs.dialled(
         dial.DialConfig(), dial.DialHyperparameters(final_rate=1.0), *DIAL_RATES
-    )
+    ),
 }
 """By the `learner` of a method in STUDY.toml."""
 
