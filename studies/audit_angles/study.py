@@ -289,8 +289,13 @@ def fitted_rows(
         audits = Audits.of(drivers.WORLD, declared, pool)
         for kind, (loss, policy) in policies.items():
             driver = course.drive(Reference(kind, policy))
-            row: Row = {"declared": declared, "policy": kind, "loss": loss}
-            row |= {"inside": int(audits.holds(driver)), **measures(course, policy)}
+            row: Row = {
+                "declared": declared,
+                "policy": kind,
+                "loss": loss,
+                "inside": int(audits.holds(driver)),
+                **measures(course, policy),
+            }
             for episodes in config.lengths:
                 shares = audits.shares(driver, episodes, config.audits, config.first_seed)
                 row[f"passed_{episodes}"] = shares["passed"]

@@ -4,7 +4,7 @@ Every policy is beyond the margin or on it: every pass is wrong. A try is an aud
 """
 
 import hashlib
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -51,16 +51,12 @@ class Way(NamedTuple):
 WAYS = {name: Way(**values) for name, values in _DECLARED["way"].items()}
 
 
-def grinding_rows(
-    episodes: int, owners: int, seed: int, resamples: int = 1000, on_stage: StageCallback = silent
-) -> list[Row]:
+def grinding_rows(config: Any, on_stage: StageCallback = silent) -> list[Row]:
     """Return the shares of owners that pass wrongly in a number of tries, with 99 % intervals.
 
     Args:
-        episodes: Number of episodes of an audit.
-        owners: Number of simulated owners.
-        seed: Number of the first owner, which seeds its draws.
-        resamples: Least number of bootstrap resamples of a test.
+        config: Configuration of the study; owners are numbered from `first_seed`, which seeds their
+            draws.
         on_stage: Returns the progress callback of a stage.
 
     Returns:
@@ -69,14 +65,16 @@ def grinding_rows(
     first: dict[tuple[str, str], list[int]] = {
         (policy, way): [] for policy in POLICIES for way in WAYS
     }
-    for owner in tracked(range(seed, seed + owners), on_stage, "grinding", "owners"):
+    numbers = range(config.first_seed, config.first_seed + config.owners)
+    for owner in tracked(numbers, on_stage, "grinding", "owners"):
         for policy, truth in POLICIES.items():
-            for way, number in first_passes(truth, episodes, owner, resamples).items():
+            passes = first_passes(truth, config.episodes, owner, config.resamples)
+            for way, number in passes.items():
                 first[policy, way].append(number)
     return [
         {"policy": policy, "way": way, "tries": tries}
-        | share("passed", sum(1 <= audit <= tries for audit in numbers), owners)
-        for (policy, way), numbers in first.items()
+        | share("passed", sum(1 <= audit <= tries for audit in audits), len(audits))
+        for (policy, way), audits in first.items()
         for tries in COUNTED
     ]
 

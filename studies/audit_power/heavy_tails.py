@@ -7,6 +7,7 @@ sample; the bounds by betting know the largest loss that is declared.
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -107,20 +108,11 @@ LONGER = 8  # factor of the episodes of a long audit
 _TAILS = 6108  # makes these draws independent of others from the same seed
 
 
-def error_rows(
-    episodes: int,
-    replications: int,
-    seed: int,
-    resamples: int = 1000,
-    on_stage: StageCallback = silent,
-) -> list[Row]:
+def error_rows(config: Any, on_stage: StageCallback = silent) -> list[Row]:
     """Return the shares of passes by each bound, with 99 % intervals, over audits of each case.
 
     Args:
-        episodes: Number of episodes of an audit.
-        replications: Number of audits of each case.
-        seed: Seed of the draws.
-        resamples: Number of bootstrap resamples.
+        config: Configuration of the study.
         on_stage: Returns the progress callback of a stage.
 
     Returns:
@@ -128,75 +120,74 @@ def error_rows(
     """
     cases = list(itertools.product(TAILS, TIMES))
     return [
-        {"losses": name, "regret": label, "margins": TIMES[label]}
-        | {"largest_loss_in_margins": TAILS[name].limit / TAILS[name].margin}
-        | _passes(name, label, replications, episodes, seed, resamples)
+        {
+            "losses": name,
+            "regret": label,
+            "margins": TIMES[label],
+            "largest_loss_in_margins": TAILS[name].limit / TAILS[name].margin,
+        }
+        | _passes(name, label, config.replications, config.episodes, config)
         for name, label in tracked(cases, on_stage, "heavy tails", "cases")
     ]
 
 
-def price_rows(
-    audits: int, seed: int, resamples: int = 1000, on_stage: StageCallback = silent
-) -> list[Row]:
+def price_rows(config: Any, on_stage: StageCallback = silent) -> list[Row]:
     """Return the passes of policies well within their margin by number of episodes, with intervals.
 
     Args:
-        audits: Number of audits of each case.
-        seed: Seed of the draws.
-        resamples: Number of bootstrap resamples.
+        config: Configuration of the study.
         on_stage: Returns the progress callback of a stage.
 
     Returns:
         A row for each of `TAILS` and `SIZES`, with the shares `bootstrap` and `betting`.
     """
+    audits = max(1, config.replications // 8)
     cases = list(itertools.product(TAILS, SIZES))
     return [
         {"losses": name, "episodes": episodes}
-        | _passes(name, "well within", audits, episodes, seed, resamples)
+        | _passes(name, "well within", audits, episodes, config)
         for name, episodes in tracked(cases, on_stage, "price", "cases")
     ]
 
 
-def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
+def long_audit_rows(config: Any) -> list[Row]:
     """Return the shares of wrong passes by betting in audits `LONGER` times as long.
 
     Args:
-        episodes: Number of episodes of a usual audit.
-        replications: Number of audits of each family of losses.
-        seed: Seed of the draws.
+        config: Configuration of the study.
 
     Returns:
         A row for each of `TAILS`, whose true regret is the margin.
     """
     rows: list[Row] = []
+    audits = config.replications
+    episodes = LONGER * config.episodes
     for name, tail in TAILS.items():
-        losses = _drawn(name, "at the margin", replications, LONGER * episodes, seed)
+        losses = _drawn(name, "at the margin", audits, episodes, config.first_seed)
         passed, _ = decisions_by_betting(losses, tail.margin, tail.limit)
-        label = {"losses": name, "episodes": LONGER * episodes}
-        rows.append(label | shares(replications, betting=passed))
+        rows.append({"losses": name, "episodes": episodes} | shares(audits, betting=passed))
     return rows
 
 
-def false_bound_rows(episodes: int, replications: int, seed: int) -> list[Row]:
+def false_bound_rows(config: Any) -> list[Row]:
     """Return the decisions on policies that declare too low a largest loss.
 
     The policies are those of `error_rows` whose regret is the margin.
 
     Args:
-        episodes: Number of episodes of an audit.
-        replications: Number of audits of each family of losses.
-        seed: Seed of the draws.
+        config: Configuration of the study.
 
     Returns:
         A row for each of `TAILS`: the share that `passed`, and the share in which a loss beyond the
         declared one is `seen`.
     """
     rows: list[Row] = []
+    audits = config.replications
     for name, tail in TAILS.items():
-        losses = _drawn(name, "at the margin", replications, episodes, seed)
+        losses = _drawn(name, "at the margin", audits, config.episodes, config.first_seed)
         passed, broken = decisions_by_betting(losses, tail.margin, TOO_LOW * tail.limit)
         label = {"losses": name, "possible": tail.limit, "declared": TOO_LOW * tail.limit}
-        rows.append(label | shares(replications, passed=passed, seen=broken))
+        rows.append(label | shares(audits, passed=passed, seen=broken))
     return rows
 
 
@@ -208,11 +199,11 @@ def _drawn(name: str, regret: str, audits: int, episodes: int, seed: int) -> np.
     return tail.draw(rng, times * tail.margin, (audits, episodes))
 
 
-def _passes(name: str, regret: str, audits: int, episodes: int, seed: int, resamples: int) -> Row:
+def _passes(name: str, regret: str, audits: int, episodes: int, config: Any) -> Row:
     """Return the shares of passes by both bounds."""
-    losses = _drawn(name, regret, audits, episodes, seed)
+    losses = _drawn(name, regret, audits, episodes, config.first_seed)
     tail = TAILS[name]
-    usual = passes_by_bootstrap(losses, tail.margin, seed, resamples)
+    usual = passes_by_bootstrap(losses, tail.margin, config.first_seed, config.resamples)
     guarded, _ = decisions_by_betting(losses, tail.margin, tail.limit)
     return shares(audits, bootstrap=usual, betting=guarded)
 

@@ -1,6 +1,7 @@
 """Simulated drivers of known true values: coverage of intervals, error rates of verdicts."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -155,20 +156,11 @@ INTERVALS = _DECLARED["interval"]
 """Nominal coverage of each interval, and whether it is exact."""
 
 
-def coverage_rows(
-    episodes: int,
-    replications: int,
-    seed: int,
-    resamples: int = 1000,
-    on_stage: StageCallback = silent,
-) -> list[Row]:
+def coverage_rows(config: Any, on_stage: StageCallback = silent) -> list[Row]:
     """Return the share of audits in which each interval contains the true value.
 
     Args:
-        episodes: Number of episodes of an audit.
-        replications: Number of audits.
-        seed: Seed of the first audit; audit k has seed + k.
-        resamples: Number of bootstrap resamples.
+        config: Configuration of the study; audit k has the seed `first_seed` + k.
         on_stage: Returns the progress callback of a stage.
 
     Returns:
@@ -177,13 +169,13 @@ def coverage_rows(
     truth = Truth()
     covered = list[dict[str, bool]]()
     along = _directions(np.array([truth.declared]))[0]
-    for current in tracked(range(seed, seed + replications), on_stage, "coverage", "audits"):
-        evidence = draw_evidence(truth, episodes, current)
+    for current in tracked(seeds_of(config), on_stage, "coverage", "audits"):
+        evidence = draw_evidence(truth, config.episodes, current)
         draws = current + _APART
-        regrets = Regrets(evidence, draws, resamples)
+        regrets = Regrets(evidence, draws, config.resamples)
         regret = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
         env, social = evidence.policy.totals.T.copy()
-        angle = estimate_angle(env, social, draws, 1 - ERROR, resamples)
+        angle = estimate_angle(env, social, draws, 1 - ERROR, config.resamples)
         # Of centred totals, the region contains the origin where it would contain the true mean.
         centred = hotelling.confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
         tests = bound_tests(evidence.policy, FLOOR.bounds, ERROR, ERROR / 2)
@@ -205,41 +197,37 @@ def coverage_rows(
         covered.append(dict(zip(INTERVALS, contained, strict=True)))
     return [
         {"interval": name, "nominal": interval["nominal"]}
-        | share("covered", sum(audit[name] for audit in covered), replications)
+        | share("covered", sum(audit[name] for audit in covered), len(covered))
         | {"exact": int(interval["exact"])}
         for name, interval in INTERVALS.items()
     ]
 
 
-def verdict_rows(
-    episodes: int,
-    replications: int,
-    seed: int,
-    resamples: int = 1000,
-    on_stage: StageCallback = silent,
-) -> list[Row]:
+def seeds_of(config: Any) -> range:
+    """Return the seed of each audit."""
+    return range(config.first_seed, config.first_seed + config.replications)
+
+
+def verdict_rows(config: Any, on_stage: StageCallback = silent) -> list[Row]:
     """Return the shares of verdicts on every case.
 
     Cases that differ only in endings have the same rewards: their regret is tested once.
 
     Args:
-        episodes: Number of episodes of an audit.
-        replications: Number of audits of each case.
-        seed: Seed of the first audit; audit k has seed + k.
-        resamples: Number of bootstrap resamples.
+        config: Configuration of the study; audit k of a case has the seed `first_seed` + k.
         on_stage: Returns the progress callback of a stage.
 
     Returns:
         A row for each of `CASES`, with the shares `passed`, `failed` and `inconclusive`.
     """
     decisions: dict[str, list[Decision]] = {case: [] for case in CASES}
-    for current in tracked(range(seed, seed + replications), on_stage, "error rates", "audits"):
+    for current in tracked(seeds_of(config), on_stage, "error rates", "audits"):
         tested: dict[tuple[float, ...], RegretTest] = {}
         for case, truth in CASES.items():
-            evidence = draw_evidence(truth, episodes, current)
+            evidence = draw_evidence(truth, config.episodes, current)
             rewards = (truth.declared, truth.regret, truth.alpha_hat)
             if rewards not in tested:
-                regrets = Regrets(evidence, current + _APART, resamples)
+                regrets = Regrets(evidence, current + _APART, config.resamples)
                 test = regret_test(regrets, truth.declared, MARGIN, ERROR, ERROR / 2)
                 tested[rewards] = test
             joined = join_tests(tested[rewards], evidence.policy, FLOOR.bounds, ERROR)
@@ -247,7 +235,7 @@ def verdict_rows(
     return [
         {"case": case}
         | shares(
-            replications,
+            len(verdicts),
             passed=verdicts.count(Decision.PASS),
             failed=verdicts.count(Decision.FAIL),
             inconclusive=verdicts.count(Decision.INCONCLUSIVE),

@@ -6,17 +6,6 @@ from socialiq.audit.seeds import check_episodes
 from socialiq_lab.study import Context, Findings
 from studies.audit_power import grinding, heavy_tails, power
 
-KEYS = {
-    "coverage": ("interval",),
-    "verdicts": ("case",),
-    "grinding": ("policy", "way"),
-    "heavy_tails": ("losses", "regret"),
-    "long_audits": ("losses",),
-    "false_bounds": ("losses",),
-    "price": ("losses", "episodes"),
-}
-"""Columns that name the rows of a table in the summary."""
-
 
 def compute_tables(config: Any, context: Context) -> Findings:
     """Audit simulated drivers many times, and count.
@@ -26,30 +15,20 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Progress callback; the study has no jobs.
 
     Returns:
-        A table for each of `KEYS`, and the summary by these keys.
+        All tables, and how far a coverage is from its nominal value at most.
 
     Raises:
         UserError: If there are too few episodes, or a count is below 1.
     """
     check_episodes(config.episodes)
-    episodes = config.episodes
-    number = config.replications
-    seed = config.first_seed
-    resampling = config.resamples, context.on_stage
     tables = {
-        "coverage": power.coverage_rows(episodes, number, seed, *resampling),
-        "verdicts": power.verdict_rows(episodes, number, seed, *resampling),
-        "grinding": grinding.grinding_rows(episodes, config.owners, seed, *resampling),
-        "heavy_tails": heavy_tails.error_rows(episodes, number, seed, *resampling),
-        "long_audits": heavy_tails.long_audit_rows(episodes, number, seed),
-        "false_bounds": heavy_tails.false_bound_rows(episodes, number, seed),
-        "price": heavy_tails.price_rows(max(1, number // 8), seed, *resampling),
+        "coverage": power.coverage_rows(config, context.on_stage),
+        "verdicts": power.verdict_rows(config, context.on_stage),
+        "grinding": grinding.grinding_rows(config, context.on_stage),
+        "heavy_tails": heavy_tails.error_rows(config, context.on_stage),
+        "long_audits": heavy_tails.long_audit_rows(config),
+        "false_bounds": heavy_tails.false_bound_rows(config),
+        "price": heavy_tails.price_rows(config, context.on_stage),
     }
     off = [abs(row["covered"] - row["nominal"]) for row in tables["coverage"] if row["exact"]]
-    summary: dict[str, Any] = {}
-    for name, keys in KEYS.items():
-        rows = [row for row in tables[name] if row.get("tries", grinding.TRIES) == grinding.TRIES]
-        summary[name] = {", ".join(str(row[key]) for key in keys): row for row in rows}
-        if name == "verdicts":
-            summary["farthest_off"] = max(off)
-    return Findings(tables, summary)
+    return Findings(tables, {"farthest_off": max(off)})

@@ -29,7 +29,7 @@ from socialiq_lab.audit_arena import default_declaration
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
-from socialiq_lab.tables import column, matching
+from socialiq_lab.tables import column, matching, nested
 from studies.audits import policies as audited
 
 REPORT = declaration("audits")["report"]
@@ -61,13 +61,21 @@ def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
         turning = (abs(env) * social_sd + abs(social) * env_sd) / math.hypot(env, social) ** 2
         regret, rival = _regret(mode, angle)
         spread = _value_sd(mode, angle) + _value_sd(rival, angle)
-        row: Row = {"policy": f"expert {mode}", "declared": angle, "g_env": env, "g_social": social}
-        row |= {"alpha_hat": angle_of(env, social)}
-        row |= {"half_width": math.degrees(1.959964 * turning / math.sqrt(episodes))}
-        row |= {"best_of_the_others": rival, "regret": regret}
-        row |= {"deciding_episodes": episodes_needed(margin.regret - regret, spread, error)}
-        row |= {"explained": _explained(mode, margin.regret), "best_at": _explained(mode, 0.0)}
-        rows.append(row)
+        rows.append(
+            {
+                "policy": f"expert {mode}",
+                "declared": angle,
+                "g_env": env,
+                "g_social": social,
+                "alpha_hat": angle_of(env, social),
+                "half_width": math.degrees(1.959964 * turning / math.sqrt(episodes)),
+                "best_of_the_others": rival,
+                "regret": regret,
+                "deciding_episodes": episodes_needed(margin.regret - regret, spread, error),
+                "explained": _explained(mode, margin.regret),
+                "best_at": _explained(mode, 0.0),
+            }
+        )
     return rows
 
 
@@ -156,8 +164,15 @@ def floor_rows(error: float, episodes: int) -> list[Row]:
             }
             # At which chance alone gives the spread of a share.
             implied = round(mean * (1.0 - mean) / spread**2) if spread else ""
-            row: Row = {"policy": policy, "criterion": name, "share": mean, "spread": spread}
-            row |= {"implied_episodes": implied, "fails_beyond": fails, "passes_within": passes}
+            row: Row = {
+                "policy": policy,
+                "criterion": name,
+                "share": mean,
+                "spread": spread,
+                "implied_episodes": implied,
+                "fails_beyond": fails,
+                "passes_within": passes,
+            }
             for kind, (low, high) in bounds.items():
                 decision = Decision.INCONCLUSIVE
                 if (high < fails) if least else (low > fails):
@@ -261,14 +276,8 @@ def _at(report: Any, path: str) -> Any:
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """Audits by world, policy and declared angle; counts of verdicts; the printed tables."""
-    audits: dict[str, Any] = {}
-    for row in tables["audits"]:
-        by_angle = audits.setdefault(row["world"], {}).setdefault(row["policy"], {})
-        by_angle[f"{row['declared']:g}"] = row
-    floor: dict[str, Any] = {}
-    for row in tables["published_floor"]:
-        floor.setdefault(row["policy"], {})[row["criterion"]] = row
+    """Counts of verdicts, and the printed tables."""
+    floor = nested(tables["published_floor"], "policy", "criterion", keep="all")
     failing = {
         name: sum("fail" in column([*tests.values()], name) for tests in floor.values())
         for name in ("of_seeds", "of_episodes")
@@ -285,12 +294,11 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
         return result
 
     return {
-        "audits": audits,
         "counts": counts("verdict"),
         "angle_test": counts("direction"),
         "published": {
-            "returns": {row["policy"]: row for row in tables["published_returns"]},
-            "angles": {row["policy"]: row for row in tables["published_angles"]},
+            "returns": nested(tables["published_returns"], "policy", keep="all"),
+            "angles": nested(tables["published_angles"], "policy", keep="all"),
             "floor": floor,
             "floor_failing": failing,
             "policies": len(floor),

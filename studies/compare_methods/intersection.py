@@ -13,16 +13,14 @@ from socialiq import QPolicy
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.rollout import MODES
-from socialiq.results_folder import as_csv, from_csv
-from socialiq.storage import write_atomically
-from socialiq.to_json import rounded
+from socialiq.results_folder import from_csv
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab import comparison, comparison_runs
-from socialiq_lab.comparison_tables import ROWS, GridRuns
+from socialiq_lab.comparison_jobs import ROWS, SPEED, GridRuns
 from socialiq_lab.intersection import driving
-from socialiq_lab.jobs import Inputs, Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, write_rows
 from socialiq_lab.registry import declaration
 from studies.compare_methods.learners import LEARNERS
 
@@ -34,9 +32,8 @@ FIRST_DEVELOPMENT = 50_000_000
 FIRST_FRESH = 70_000_000
 """Seeds of the first episodes on which settings are chosen, and of those of the table."""
 
-SPEED = "speed.csv"
 POLICIES = "policies.csv"
-"""Files of a training job: updates per second; the file of the policy of each run and angle."""
+"""File of a training job: the file of the policy of each run and angle."""
 
 DEMONSTRATORS = "references/intersection"  # job that drives the demonstrators
 
@@ -143,15 +140,15 @@ def train_method(
     rows: list[Row] = []
     for number, (run, policy) in enumerate(zip(runs, policies, strict=True)):
         files: dict[int, str] = {}
-        turned = [policy.at(a) if hasattr(policy, "at") else policy for a in served[run.angle]]
-        for angle, turned_policy in zip(served[run.angle], turned, strict=True):
-            if id(turned_policy) not in files:  # one policy may serve several angles
-                files[id(turned_policy)] = f"{number}_{len(files)}.safetensors"
-                turned_policy.save(folder / files[id(turned_policy)])
+        turned = [comparison_runs.turned(policy, angle) for angle in served[run.angle]]
+        for angle, at_angle in zip(served[run.angle], turned, strict=True):
+            if id(at_angle) not in files:  # one policy may serve several angles
+                files[id(at_angle)] = f"{number}_{len(files)}.safetensors"
+                at_angle.save(folder / files[id(at_angle)])
             label = {"setting": comparison.setting_name(run.setting), "seed": run.seed}
-            rows.append(label | {"target_angle": angle, "file": files[id(turned_policy)]})
-    write_atomically(folder / POLICIES, as_csv(rows))
-    write_atomically(folder / SPEED, as_csv([arena.speed_row(WORLD, method, len(runs))]))
+            rows.append(label | {"target_angle": angle, "file": files[id(at_angle)]})
+    write_rows(folder / POLICIES, rows)
+    write_rows(folder / SPEED, [arena.speed_row(WORLD, method, len(runs))])
     on_progress(1.0)
 
 
@@ -183,7 +180,7 @@ def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCa
         value = {"value": driven[file].value(angle), "regret": ""}
         rows.append(label | labels | driven[file]._asdict() | value)
         on_progress(len(rows) / len(config.angles))
-    write_atomically(folder / ROWS, as_csv(rounded(rows)))
+    write_rows(folder / ROWS, rows)
 
 
 def _driven(config: driving.EpisodesRun, policy: Policy) -> Metrics:
@@ -211,4 +208,4 @@ def drive_demonstrators(
         for row in rows:
             row[mode] = metrics.value(row["target_angle"])
         on_progress(number / len(MODES))
-    write_atomically(folder / ROWS, as_csv(rounded(rows)))
+    write_rows(folder / ROWS, rows)

@@ -17,8 +17,7 @@ import numpy as np
 
 from socialiq import UserError
 from socialiq.evaluation import exact, rollout
-from socialiq.learners import acting, cql
-from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners import acting
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import offline as regularised
@@ -112,21 +111,17 @@ def _pareto_irl(arena: Arena, runs: Sequence[Run]) -> list[Any]:
 
 
 LEARNERS: Mapping[str, Learner] = {
-    "clone": offline(bc.BehaviourCloning),
-    "clone_of_best": runs_of_methods.best_episodes_cloned,
+    **runs_of_methods.LEARNERS,
     "dwbc": offline(clones.DiscriminatorWeighted),
-    "iq_learn": iq_learn(),
     "iq_learn_offline": iq_learn(acts=False),
     "ls_iq": iq_learn(LSIQ),
     "multi_intention": _multi_intention,
     "trex": iq_learn(TREX),
     "sprinql": offline(values.SPRINQL),
-    "cql": offline(cql.ConservativeQ),
     "iql": offline(values.ImplicitQLearning),
     "outcome_conditioned": offline(clones.OutcomeConditioned),
     "guidance": offline(clones.GuidedCloning),
     "pareto_irl": _pareto_irl,
-    "rl": runs_of_methods.reinforcement,
     "dial_offline": runs_of_methods.dialled(*_preset("offline"), "discount"),
     "dial_regularised": _regularised,
     "dial_online": runs_of_methods.dialled(*_preset("online-clockless"), "discount"),

@@ -10,20 +10,20 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from socialiq.evaluation import exact, rollout
+from socialiq.evaluation import rollout
+from socialiq.evaluation.exact import Ground
 from socialiq.learners.settings import check_widths
-from socialiq.results_folder import Results, as_csv, from_csv
-from socialiq.storage import write_atomically
-from socialiq.to_json import rounded
+from socialiq.results_folder import Results, from_csv
 from socialiq.types import Row
-from socialiq_lab import comparison, comparison_runs, comparison_tables
+from socialiq_lab import comparison, comparison_jobs, comparison_tables
 from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
-from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
-from socialiq_lab.jobs import Inputs, Job, ProgressCallback
+from socialiq_lab.comparison_jobs import ROWS, SPEED, GridRuns, job_rows
+from socialiq_lab.comparison_runs import Arena, Run, trained
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, write_rows
 from socialiq_lab.study import Context, Findings, View
-from socialiq_lab.tables import column, groups, matching, mean, nested, paired_row, with_holm
+from socialiq_lab.tables import column, groups, matching, mean, paired_row, with_holm
 from studies.compare_methods import intersection, learners
-from studies.compare_methods.intersection import METHODS, SPEED
+from studies.compare_methods.intersection import METHODS
 
 TOLD = ("labels", "ranks", "rewards", "environment")
 """Inputs beside observations and actions; STUDY.toml explains them."""
@@ -83,11 +83,10 @@ def phase_jobs(config: Any, phase: str, chosen: Mapping[tuple[str, str], str] | 
             continue
         updates = updates_of(method, config.updates)
         runs = GridRuns.of(config, phase, world, method, settings, updates)
-        inputs = (learners.environment_job(method.peer).name,) if method.peer else ()
-        count = len(runs.seeds) * len(settings) * len(method.served(runs.angles))
-        cost = count * (8.0 if method.peer else 1.0) + 10.0
         name = f"methods/{world}/{phase}/{method.name}"
-        planned.append(Job(name, run_method, runs, inputs, cost))
+        inputs = (learners.environment_job(method.peer).name,) if method.peer else ()
+        seconds = 8.0 if method.peer else 1.0
+        planned.append(comparison_jobs.grid_job(name, run_method, runs, method, seconds, *inputs))
     return planned
 
 
@@ -102,24 +101,20 @@ def run_method(
         inputs: Folder of the peer's environment, if the method has one.
         on_progress: Callback of the finished share, 0 to 1.
     """
-    ground = exact.Ground.of(config.world)
     method = METHODS[config.method]
-    arena = config.arena(ground, on_progress)
-    served = method.served(config.angles)
-    runs = comparison_runs.runs_of(config.settings, served, config.seeds)
-    if method.peer:
+
+    def train(ground: Ground, arena: Arena, runs: Sequence[Run]) -> list[Any]:
+        if not method.peer:
+            return trained(learners.LEARNERS[method.learner], arena, method, runs)
         (environment,) = inputs.values()
-        policies = learners.train_tabular(arena, ground, method, runs, served, environment, folder)
-    else:
-        policies = comparison_runs.trained(learners.LEARNERS[method.learner], arena, method, runs)
-    rows: list[Row] = []
-    for run, policy in zip(runs, policies, strict=True):
-        label = {"world": config.world, "method": method.name}
-        label |= {"setting": comparison.setting_name(run.setting)}
-        evaluated = ground, method, label, run.seed, policy, served[run.angle]
-        rows += comparison_tables.rows_of(*evaluated)
-    write_atomically(folder / ROWS, as_csv(rounded(rows)))
-    write_atomically(folder / SPEED, as_csv([arena.speed_row(config.world, method, len(runs))]))
+        served = method.served(config.angles)
+        return learners.train_tabular(arena, ground, method, runs, served, environment, folder)
+
+    def columns(_arena: Arena, run: Run) -> tuple[Row, Row]:
+        return {"setting": comparison.setting_name(run.setting)}, {}
+
+    rows = comparison_jobs.evaluated(config, method, train, columns, folder, on_progress)
+    write_rows(folder / ROWS, rows)
     on_progress(1.0)
 
 
@@ -136,29 +131,18 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Finished jobs and their work folder.
 
     Returns:
-        All tables, and the greedy policies' values over all angles as summary.
+        All tables.
     """
     planned = context.jobs
     work = context.work
     fresh = job_rows(planned, work, FRESH)
-    pooled = comparison_tables.means(fresh, KEYS)
-    by_method = overall(pooled, job_rows(planned, work, FRESH, SPEED))
-    gridworlds = [world for world in config.worlds if world in GRIDWORLDS]
-    references = [comparison_tables.references(world, config.angles) for world in gridworlds]
-    on_road = intersection.WORLD in config.worlds
-    demonstrators = from_csv(work / intersection.DEMONSTRATORS / ROWS) if on_road else []
-    tables = {
-        "policies": fresh,
-        "pooled": pooled,
-        "overall": by_method,
-        "paired": paired(fresh),
-        "references": [row for rows in references for row in rows],
-        "demonstrators": demonstrators,
-        "development": comparison_tables.means(job_rows(planned, work, DEVELOPMENT), KEYS),
-    }
-    names = ("setting", "value", "regret", "worst_regret", "steering", "collision", "arrival")
-    summary = nested(matching(by_method, readout=READOUT), "world", "method", keep=names)
-    return Findings(tables, summary)
+    developed = job_rows(planned, work, DEVELOPMENT)
+    tables = comparison_tables.tables_of(config, fresh, developed, KEYS)
+    tables["overall"] = overall(tables["pooled"], job_rows(planned, work, FRESH, SPEED))
+    tables["paired"] = paired(fresh)
+    if intersection.WORLD in config.worlds:
+        tables["demonstrators"] = from_csv(work / intersection.DEMONSTRATORS / ROWS)
+    return Findings(tables, {})
 
 
 def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:

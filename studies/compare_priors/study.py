@@ -3,6 +3,7 @@
 Every method of a world has the same updates, environment steps, network, rates and data sets.
 """
 
+import operator
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,23 +15,20 @@ from matplotlib.figure import Figure
 from socialiq import score, weights
 from socialiq.evaluation.exact import Ground
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.dial import config as dial
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn import losses
-from socialiq.results_folder import Results, as_csv
+from socialiq.results_folder import Results
 from socialiq.social.angle import angle_difference
-from socialiq.storage import write_atomically
-from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs, comparison_tables
 from socialiq_lab.comparison import DEVELOPMENT, FRESH, GRIDWORLDS, Method
-from socialiq_lab.comparison_runs import Arena, Learner, Run, iq_learn, offline
-from socialiq_lab.comparison_tables import ROWS, GridRuns, job_rows
-from socialiq_lab.jobs import Inputs, Job, ProgressCallback
+from socialiq_lab.comparison_jobs import ROWS, GridRuns, evaluated, grid_job, job_rows
+from socialiq_lab.comparison_runs import Arena, Learner, Run
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, write_rows
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, View
-from socialiq_lab.tables import column, groups, labelled, with_holm
+from socialiq_lab.tables import column, groups, labelled, nested, with_holm
 
 METHODS = comparison.declared_methods(declaration("compare-priors"))
 """The comparison's rows by name."""
@@ -44,23 +42,21 @@ DIAL_RATES = ("temperature", "learning_rate", "discount", "polyak")
 
 
 LEARNERS: Mapping[str, Learner] = {
-    "iq_learn": iq_learn(),
+    **comparison_runs.LEARNERS,
     "dial": comparison_runs.dialled(
         dial.DialConfig(), dial.DialHyperparameters(final_rate=1.0), *DIAL_RATES
     ),
-    "clone": offline(bc.BehaviourCloning),
-    "cql": offline(ConservativeQ),
-    "rl": comparison_runs.reinforcement,
 }
 """By the `learner` of a method in STUDY.toml."""
 
-OWN_SCALES: Mapping[str, tuple[str, ...]] = {
+SCALES: Mapping[str, tuple[str, ...]] = {
+    "iq_learn": ("strength", "reweight_temperature"),
     "dial": ("strength",),
     "cql": ("strength",),
     "rl": (),
     "clone": ("reweight_temperature",),
 }
-"""Settings that are λ, or 1/λ, of learners other than IQ-Learn, which has both."""
+"""Settings of each learner that are λ, or 1/λ."""
 
 
 def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
@@ -74,12 +70,12 @@ def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
     Returns:
         A policy for each run.
     """
-    scales = OWN_SCALES.get(method.learner, ("strength", "reweight_temperature"))
     own_runs = []
     for run in runs:
-        strength = dict(run.setting)["strength"]
+        ((_, strength),) = run.setting
         values = {"strength": strength, "reweight_temperature": 1 / strength}
-        own_runs.append(run._replace(setting=tuple((name, values[name]) for name in scales)))
+        setting = tuple((name, values[name]) for name in SCALES[method.learner])
+        own_runs.append(run._replace(setting=setting))
     return comparison_runs.trained(LEARNERS[method.learner], arena, method, own_runs)
 
 
@@ -101,18 +97,17 @@ def more_jobs(config: Any, work: Path) -> list[Job]:
     """
     developed = job_rows(jobs(config), work, DEVELOPMENT)
     chosen = comparison_tables.choose(developed, "strength")
-    return [
-        _job(config, FRESH, world, method, (chosen.get((world, name), THESIS_STRENGTHS[world]),))
-        for world, method in comparison.cells_of(config, METHODS, GRIDWORLDS)
-        for name in (method.name,)
-    ]
+    planned = []
+    for world, method in comparison.cells_of(config, METHODS, GRIDWORLDS):
+        strength = chosen.get((world, method.name), THESIS_STRENGTHS[world])
+        planned.append(_job(config, FRESH, world, method, (strength,)))
+    return planned
 
 
 def _job(config: Any, phase: str, world: str, method: Method, strengths: tuple[float, ...]) -> Job:
     settings = comparison.product(strength=strengths)
-    run = GridRuns.of(config, phase, world, method, settings, config.updates, chunk=500)
-    count = len(run.seeds) * len(strengths) * len(method.served(run.angles))
-    return Job(f"priors/{world}/{phase}/{method.name}", run_method, run, cost=count + 10.0)
+    runs = GridRuns.of(config, phase, world, method, settings, config.updates, chunk=500)
+    return grid_job(f"priors/{world}/{phase}/{method.name}", run_method, runs, method)
 
 
 def run_method(
@@ -125,24 +120,19 @@ def run_method(
         folder: Folder of the job, to which the rows are written.
         on_progress: Callback of the finished share, 0 to 1.
     """
-    ground = Ground.of(config.world)
     method = METHODS[config.method]
-    arena = config.arena(ground, on_progress)
-    served = method.served(config.angles)
-    runs = comparison_runs.runs_of(config.settings, served, config.seeds)
-    runs.sort(key=lambda run: run.angle)
-    rows: list[Row] = []
-    for run, policy in zip(runs, train(arena, method, runs), strict=True):
-        label = {"world": config.world, "method": method.name} | dict(run.setting)
-        evaluated = ground, method, label, run.seed, policy, served[run.angle]
-        policy_rows = comparison_tables.rows_of(*evaluated)
-        if not hasattr(policy, "at"):  # one policy, whatever the angle
-            policy_rows.sort(key=lambda row: method.readouts.index(row["readout"]))
-        share = effective_share(arena, method, run)
-        rows += [row | {"effective_share": share} for row in policy_rows]
-    if method.learner == "dial":
-        rows.sort(key=lambda row: row["target_angle"])
-    write_atomically(folder / ROWS, as_csv(rounded(rows)))
+
+    def columns(arena: Arena, run: Run) -> tuple[Row, Row]:
+        return dict(run.setting), {"effective_share": effective_share(arena, method, run)}
+
+    def trained(_ground: Ground, arena: Arena, runs: Sequence[Run]) -> list[Any]:
+        return train(arena, method, runs)
+
+    rows = evaluated(config, method, trained, columns, folder, on_progress)
+    is_one_policy = method.serves == "all" and method.learner != "dial"
+    order = ("seed", "readout") if is_one_policy else ("target_angle",)
+    rows.sort(key=operator.itemgetter(*order))
+    write_rows(folder / ROWS, rows)
     on_progress(1.0)
 
 
@@ -187,32 +177,18 @@ def compute_tables(config: Any, context: Context) -> Findings:
         All tables, and pooled metrics and counts of alignment as summary.
     """
     developed, fresh = (job_rows(context.jobs, context.work, p) for p in (DEVELOPMENT, FRESH))
-    also = ("effective_share",)
-    pooled = comparison_tables.means(fresh, KEYS, also)
-    aligned = alignment(fresh)
-    references = [comparison_tables.references(world, config.angles) for world in config.worlds]
-    chosen = comparison_tables.choose(developed, "strength")
-    keys = ("world", "method", "strength", "readout")
-    tables = {
-        "policies": fresh,
-        "pooled": pooled,
-        "overall": comparison_tables.overall(pooled, keys),
-        "alignment": aligned,
-        "references": [row for rows in references for row in rows],
-        "development": comparison_tables.means(developed, KEYS, also),
-        "chosen": [
-            {"world": world, "method": method, "strength": float(strength)}
-            for (world, method), strength in chosen.items()
-        ],
-    }
-    summary: dict[str, Any] = {}
+    tables = comparison_tables.tables_of(config, fresh, developed, KEYS, ("effective_share",))
+    tables["alignment"] = alignment(fresh)
+    tables["chosen"] = [
+        {"world": world, "method": method, "strength": float(strength)}
+        for (world, method), strength in comparison_tables.choose(developed, "strength").items()
+    ]
     names = ("value", "regret", "regret_low", "regret_high", "angle", "arrival")
-    for row in pooled:
-        of_method = summary.setdefault(row["world"], {}).setdefault(row["method"], {})
-        of_method["strength"] = row["strength"]
-        at_angles = of_method.setdefault(row["readout"], {})
-        at_angles[f"{row['target_angle']:g}"] = {name: row[name] for name in names}
-    return Findings(tables, summary | {"alignment": alignment_counts(aligned)})
+    keys = ("world", "method", "readout", "target_angle")
+    summary = nested(tables["pooled"], *keys, keep=names)
+    for row in tables["pooled"]:
+        summary[row["world"]][row["method"]]["strength"] = row["strength"]
+    return Findings(tables, summary | {"alignment": alignment_counts(tables["alignment"])})
 
 
 def alignment(policies: Sequence[Row]) -> list[Row]:
@@ -222,18 +198,22 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
     keys = ("world", "readout", "target_angle")
     rows: list[Row] = []
     for label, group in labelled(policies, *keys):
-        errors = [abs(angle_difference(row["angle"], row["target_angle"])) for row in group]
-        error = np.array(errors)
+        error = np.array(
+            [abs(angle_difference(row["angle"], row["target_angle"])) for row in group]
+        )
         regret = np.array(column(group, "regret"))
         if len(group) < 3 or np.ptp(error) == 0 or np.ptp(regret) == 0:
             continue  # ranks need a difference
         test: Any = spearmanr(error, regret)
-        entry = label | {"policies": len(group)}
-        entry |= {"spearman": float(test.statistic), "p": float(test.pvalue)}
-        entry |= {"error_at_least_regret": float(error[regret.argmin()])}
-        entry |= {"regret_at_least_error": float(regret[error.argmin()])}
-        entry |= {"least_regret": float(regret.min())}
-        rows.append(entry)
+        entry = {
+            "policies": len(group),
+            "spearman": float(test.statistic),
+            "p": float(test.pvalue),
+            "error_at_least_regret": float(error[regret.argmin()]),
+            "regret_at_least_error": float(regret[error.argmin()]),
+            "least_regret": float(regret.min()),
+        }
+        rows.append(label | entry)
     return with_holm(rows)
 
 

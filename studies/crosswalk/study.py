@@ -43,8 +43,11 @@ def compute_tables(config: Any, context: Context) -> Findings:
         directions += rows
     optima = list(ground.optima(config.every))
     fine = {tuple(round(row[name], 6) for name in SUMS) for row in ground.optima(config.fine)}
-    summary = {"states": ground.part.mdp.n_states, "distinct_optima": len(fine)}
-    summary |= {"vertices": len(ground.front().vertices) if config.front else 0}
-    summary |= {"worst_regret": max(row["worst_regret"] for row in dials)}
+    summary = {
+        "states": ground.part.mdp.n_states,
+        "distinct_optima": len(fine),
+        "vertices": len(ground.front().vertices) if config.front else 0,
+        "worst_regret": max(row["worst_regret"] for row in dials),
+    }
     tables = {"optima": optima, "directions": directions, "dials": dials}
     return Findings(tables, summary, {DIAL: file_of(trained.policy(0))})

@@ -16,7 +16,7 @@ from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 from socialiq_lab.gridworld_runs import file_of, train_dials
 from socialiq_lab.study import Context, Findings
-from socialiq_lab.tables import column, labelled, nested, spread
+from socialiq_lab.tables import column
 
 KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
 """Angles in degrees whose mean regret is the key regret of a dial."""
@@ -66,12 +66,11 @@ def compute_tables(config: Any, context: Context) -> Findings:
                 config.wanted, ceiling_regrets(ceiling, ground.optimum, config.wanted), strict=True
             )
         ]
-    tables["pooled"] = _pooled(tables["dials"])
     tables["front"] = [
         {"r_env": float(env), "r_social": float(social)}
         for env, social in ground.optimum.attainable.front()
     ]
-    return Findings(tables, {"runs": nested(tables["pooled"], "run", "readout")}, files)
+    return Findings(tables, {}, files)
 
 
 def _evaluate(
@@ -180,16 +179,3 @@ def _reached(points: np.ndarray, angle: float) -> mixtures.Setting | None:
         return mixtures.setting(points, angle)
     except UserError:
         return None
-
-
-def _pooled(dials: list[Row]) -> list[Row]:
-    """Mean, least and largest over seeds of every number of a run and action selection."""
-    rows = []
-    for label, group in labelled(dials, "run", "readout"):
-        row = label | {"seeds": len(group)}
-        for name in (name for name in group[0] if name not in ("run", "readout", "seed")):
-            valued = [dial for dial in group if dial[name] != ""]
-            ends = spread(valued, name) if valued else dict.fromkeys(("mean", "low", "high"), "")
-            row |= {f"{name}_{end}": value for end, value in ends.items()}
-        rows.append(row)
-    return rows

@@ -104,10 +104,15 @@ def attainable_rows(state: State) -> list[Row]:
     rows = []
     for angle in range(0, 91, 5):
         best = attainable.optimum(float(angle))
-        row: Row = {"angle": angle, "optimum_r_env": best.point.env}
-        row |= {"optimum_r_social": best.point.social, "optimum_value": best.value}
-        row |= {"radius": attainable.radius(float(angle))}
-        rows.append(row)
+        rows.append(
+            {
+                "angle": angle,
+                "optimum_r_env": best.point.env,
+                "optimum_r_social": best.point.social,
+                "optimum_value": best.value,
+                "radius": attainable.radius(float(angle)),
+            }
+        )
     return rows
 
 
@@ -150,12 +155,18 @@ def comparison(results: Results) -> list[Row]:
     for name, angle in {"baseline": None, **rollout.MODES}.items():
         entry = results.summary["policies"][f"{name}_greedy"]
         expert = results.summary["experts"].get(name, {})
-        row: Row = {"policy": name, "target": "none" if angle is None else f"{angle:g}"}
-        row |= {"angle": entry["angle"], "thesis": THESIS_ANGLES[name]}
-        row |= {"optimum": expert.get("angle", "")}
-        row |= {"regret": "" if angle is None else entry["regret"], "arrival": entry["arrival"]}
-        row |= {"timeout": entry["timeout"]}
-        rows.append(row)
+        rows.append(
+            {
+                "policy": name,
+                "target": "none" if angle is None else f"{angle:g}",
+                "angle": entry["angle"],
+                "thesis": THESIS_ANGLES[name],
+                "optimum": expert.get("angle", ""),
+                "regret": "" if angle is None else entry["regret"],
+                "arrival": entry["arrival"],
+                "timeout": entry["timeout"],
+            }
+        )
     return rows
 
 

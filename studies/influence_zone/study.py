@@ -83,15 +83,8 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
         for (name, angle), policy in dials.items()
         for row in correlation_rows(policy, seeds)
     ]
-    summary = {
-        "zones": {row["world"]: row for row in zones},
-        "correlations": {
-            f"{row['dial']}/{row['angle']:g}/{row['measure']}": row["by_episode"]
-            for row in correlations
-        },
-    }
     tables = {"zones": zones, "trees": leaves, "map": cells, "correlations": correlations}
-    return Findings(tables, summary)
+    return Findings(tables, {})
 
 
 def _scikit_learn() -> list[Any]:

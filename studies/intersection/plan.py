@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any
 
-from socialiq import UserError
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
@@ -39,12 +38,6 @@ def jobs(config: Any) -> list[Job]:
     for name in config.parts:
         one_of("part", name, PARTS)
     one_of("mixture", config.mixture, tuple(MIXTURES))
-    for name, value in vars(config).items():
-        least = 0 if name in ("highway_episodes", "expert_seed") else 1
-        if isinstance(value, int) and value < least:
-            raise UserError(f"{name} must be at least {least}, got {value}")
-        if isinstance(value, tuple) and not value:
-            raise UserError(f"{name} must name at least one")
     planned = list(trainings(config))
     episodes = config.episodes
     for job in tuple(planned):

@@ -281,17 +281,6 @@ def _connected(planned: Sequence[Job], work: Path) -> list[Row]:
 def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     """Summary for the ledger: tables by name, and the means of each group over its seeds."""
     returns = [row | {"mean": row["ours"], "sd": row["ours_sd"]} for row in tables["table_a_1"]]
-    pairs = [row | {"pair": f"{row['first']}_{row['second']}"} for row in tables["table_a_2"]]
-    printed = [
-        row | {"group": f"{row['preset']}_{row['setting']}_{row['readout']}"}
-        for row in tables["table_6_2"]
-    ]
-    compared = [
-        row
-        | {"group": f"{row['preset']}_{row['setting']}"}
-        | {"pair": f"{row['first']} against {row['second']}"}
-        for row in tables["differences"]
-    ]
     greedy = {row["policy"]: row for row in tables["policies"] if row["readout"] == "greedy"}
     configs = {job.name: dataclasses.asdict(job.config) for job in jobs(config)}
     settings: dict[str, Any] = {}
@@ -303,20 +292,12 @@ def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
         settings[f"{preset}_{setting}"] = configs[names["egoistic"][0]]
         for target, folders in names.items():
             policies[f"{preset}_{setting}_{target}"] = _mean([greedy[name] for name in folders])
-    spreads = ("ours", "over_training", "over_evaluation", "low", "high")
-    connected = tables["connected"]
     experts = plan.columns(config)["experts", "flat"]
     return {
-        "table_6_2": nested(printed, "group", "policy", "metric", keep=spreads),
         "table_a_1": nested(returns, "mode", "signal", keep=("mean", "sd")),
-        "table_a_2": nested(pairs, "pair", "signal", keep=("ours", "thesis_from_a_1")),
-        "differences": nested(compared, "group", "pair", "metric", keep=("mean", "p", "p_holm")),
         "settings": settings | {"pool_episodes": config.pool_episodes},
         "policies": policies,
         "experts": {f"flat_{mode}": greedy[experts[f"expert {mode}"][0]] for mode in MODES},
-        "connected": nested(
-            connected, "member", "connected", keep=list(connected[0]) if connected else ()
-        ),
         "through_timeouts": {
             row["run"].split("/")[2]: row  # the last check of a run stays
             for row in tables["curves"]

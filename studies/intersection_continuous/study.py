@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from socialiq import UserError
 from socialiq.evaluation import road_training as road
 from socialiq.evaluation import rollout
 from socialiq.evaluation.episodes import policy_row
@@ -44,7 +43,6 @@ from socialiq_lab.tables import (
     labelled,
     matching,
     mean,
-    nested,
     numeric_means,
     paired_differences,
     with_holm,
@@ -64,12 +62,6 @@ POLICIES = {
 tables, and whether there is a run for every angle."""
 KINDS = tuple(name for name in PROGRAMS if name not in POLICIES)
 """Jobs that train dials."""
-
-
-def check(config: Any) -> None:
-    """Refuse settings without a training seed or an angle."""
-    if not config.seeds or not config.learner_seeds or not config.angles:
-        raise UserError("name at least one training seed, of dials and of learners, and angle")
 
 
 @dataclass(frozen=True)
@@ -191,8 +183,13 @@ def compute_tables(config: Any, context: Context) -> Findings:
     for kind, seed, angle in cells:
         file = driving.episodes_at(work / "evaluation" / kind, run_file(0.0, seed), angle)
         row = policy_row(kind, "greedy", driving.load_episodes(file))
-        label = {"kind": kind, "seed": seed, "asked": angle}
-        label |= {"value": intersection.value_at(row, angle), "regret": 0.0}
+        label = {
+            "kind": kind,
+            "seed": seed,
+            "asked": angle,
+            "value": intersection.value_at(row, angle),
+            "regret": 0.0,
+        }
         dials.append(label | row)
     for row in dials:
         best = max(intersection.value_at(other, row["asked"]) for other in dials + policies)
@@ -219,8 +216,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         _short(kind): {name: mean for name, mean in numeric_means(rows).items() if name != "seed"}
         for (kind,), rows in groups(families, "kind").items()
     }
-    main = nested(tables["main"], "policy", "metric", keep=("mean", "low", "high"))
-    return Findings(tables, {"families": means, "main": main}, files)
+    return Findings(tables, {"families": means}, files)
 
 
 def _policies(config: Any, work: Path) -> list[Row]:

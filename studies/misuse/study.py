@@ -91,8 +91,13 @@ def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
     honest = None
     for name, policy in tracked(list(policies(config)), context.on_stage, stage, "policies"):
         verdict, outcomes = arena.audited(policy, config.declared, config.seed)
-        row: Row = {"policy": name, "scenario": scenario, "verdict": verdict.decision.value}
-        row |= {"decided_by": deciding(verdict), "regret": verdict.regret.regret}
+        row: Row = {
+            "policy": name,
+            "scenario": scenario,
+            "verdict": verdict.decision.value,
+            "decided_by": deciding(verdict),
+            "regret": verdict.regret.regret,
+        }
         row |= {test.name: test.share for test in cast(Any, verdict.competence)}
         for quantity in quantities:
             row |= normal_mean(quantity, outcomes.episodes[quantity])

@@ -17,7 +17,7 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.study import Context, Findings, tracked
-from socialiq_lab.tables import labelled, matching, mean, nested
+from socialiq_lab.tables import labelled, matching, mean
 
 
 class Scene(NamedTuple):
@@ -88,7 +88,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Progress callback; the study has no jobs.
 
     Returns:
-        Tables `estimates` and `pooled`, and the latter as summary.
+        Tables `estimates` and `pooled`.
     """
     sets = list(itertools.product(config.worlds, config.explored, config.seeds))
     scenes = {world: Scene.of(world) for world in config.worlds}
@@ -105,9 +105,10 @@ def compute_tables(config: Any, context: Context) -> Findings:
             evaluation = evaluator.evaluate(scene.chances(policy))
             label = {"world": world, "explored": explored, "seed": seed, "angle": angle}
             rows += _estimates(label, evaluation, truth)
-    pooled = [_pooled(label, group) for label, group in labelled(rows, *_KEYS)]
-    tables = {"estimates": rows, "pooled": pooled}
-    return Findings(tables, {"pooled": nested(pooled, *_KEYS)})
+    pooled = [
+        label | _pooled(group) for label, group in labelled(rows, "world", "explored", "estimator")
+    ]
+    return Findings({"estimates": rows, "pooled": pooled}, {})
 
 
 def _estimates(label: Row, evaluation: off_policy.OffPolicy, truth: float) -> Iterator[Row]:
@@ -131,13 +132,9 @@ def _estimates(label: Row, evaluation: off_policy.OffPolicy, truth: float) -> It
         }
 
 
-_KEYS = ("world", "explored", "estimator")
-
-
-def _pooled(label: Row, group: Sequence[Row]) -> Row:
+def _pooled(group: Sequence[Row]) -> Row:
     """Coverage and error of the estimates that are called supported, and of those that are not."""
-    row = label | {"estimates": len(group)}
-    row["supported"] = mean(group, "supported")
+    row = {"estimates": len(group), "supported": mean(group, "supported")}
     for name, is_supported in (("supported", 1), ("others", 0)):
         estimates = [one for one in matching(group, supported=is_supported) if one["value"] != ""]
         errors = [abs(one["value"] - one["exact"]) for one in estimates]

@@ -120,8 +120,15 @@ def _train(
     for run, (mode, seed) in enumerate(cells):
         learned = letters(trained.policy(run))
         at = [n for n, yes in zip(trained.history.updates, equal[:, run], strict=True) if yes]
-        row = {"policy": mode, "target_kind": kind, "next_value": static.next_value, "seed": seed}
-        row |= {"sequence": learned, "thesis": THESIS[mode], "equal": int(learned == THESIS[mode])}
+        row = {
+            "policy": mode,
+            "target_kind": kind,
+            "next_value": static.next_value,
+            "seed": seed,
+            "sequence": learned,
+            "thesis": THESIS[mode],
+            "equal": int(learned == THESIS[mode]),
+        }
         rows.append(row | {"equal_at": " ".join(map(str, at))})
     return rows
 

@@ -3,8 +3,7 @@
 In the 7x7 world policies are evaluated exactly, at the intersection by the episodes of the audit.
 """
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -23,7 +22,7 @@ from socialiq.worlds.intersection import atlas
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.audit_arena import AuditArena, course_of
 from socialiq_lab.comparison import Setting
-from socialiq_lab.comparison_runs import Arena, intersection_arena
+from socialiq_lab.comparison_runs import Arena, grid_arena, intersection_arena
 
 GRID = "crossing7"
 ROAD = "intersection"
@@ -52,34 +51,6 @@ class Poison(NamedTuple):
         return self._replace(attacker=ATTACKERS[self.attacker], case="honest")
 
 
-def contaminated(
-    honest: Demonstrations, poison: Poison, attacked: Callable[[Malice, int], Demonstrations]
-) -> Demonstrations:
-    """Put a share of an attacker's episodes in the place of honest ones, with a case's labels.
-
-    Args:
-        honest: Honest episodes.
-        poison: Attacker, case, share and seed.
-        attacked: Returns a number of episodes of an attacker.
-
-    Returns:
-        Data set of as many episodes; with the case "recomputed" the episodes with false labels are
-        dropped.
-
-    Raises:
-        UserError: If no honest episode is left, or "recomputed" labels disagree in more than half.
-    """
-    count = round(poison.share * honest.n_episodes)
-    if not count:
-        return honest
-    bad = attacked(malice.ATTACKERS[ATTACKERS[poison.attacker]], count)
-    if poison.case != "honest":
-        check = consistency(bad, honest) if poison.attacker == "adaptive" else None
-        bad = malice.forged(bad, check)
-    mixed = malice.poisoned(honest, bad, poison.seed)
-    return trusted(mixed, "")[0] if poison.case == "recomputed" else mixed
-
-
 class Grid:
     """The 7x7 world: its data, its exact evaluation, and its default audits."""
 
@@ -94,14 +65,13 @@ class Grid:
         self.audits = AuditArena(course, OPTIONS)
         self.decided: dict[tuple[float, bytes], str] = {}
 
-    def data(self, poison: Poison) -> Demonstrations:
-        """Return the data set of a contamination."""
-        honest = trajectory_datasets(self.table, [poison.seed], self.config.each)[0]
+    def honest(self, seed: int) -> Demonstrations:
+        """Return the episodes of the exact experts."""
+        return trajectory_datasets(self.table, [seed], self.config.each)[0]
 
-        def attacked(attacker: Malice, count: int) -> Demonstrations:
-            return malice.attacked_table(self.table, attacker, count, 7000 + poison.seed)
-
-        return contaminated(honest, poison, attacked)
+    def attacked(self, attacker: Malice, count: int, seed: int) -> Demonstrations:
+        """Return episodes of the attacker's optimal policy."""
+        return malice.attacked_table(self.table, attacker, count, 7000 + seed)
 
     def arena(self, datasets: Sequence[Demonstrations], on_report: Any) -> Arena:
         """Return the inputs of the learners.
@@ -110,11 +80,7 @@ class Grid:
             datasets: Data set of each contamination.
             on_report: Progress callback of the training.
         """
-        rates = {"learning_rate": self.config.learning_rate, "polyak": self.config.polyak}
-        numbers = dataclasses.replace(iq.TABLE_C1_NUMBERS, **rates)
-        updates = self.config.updates
-        given = iq.TABLE_C1, numbers, updates, datasets, self.table.world
-        return Arena(*given, on_report=on_report, chunk=500)
+        return grid_arena(self.table, datasets, self.config, 500, on_report)
 
     def measured(self, policy: Any, angle: float) -> Row:
         """Evaluate a greedy policy exactly, and audit it at an angle.
@@ -126,11 +92,13 @@ class Grid:
         Returns:
             Columns `regret`, `collision`, `arrival` and `verdict`; equal policies are audited once.
         """
-        part = self.ground.part
-        actions = exact.action_table(policy, part, "greedy")
-        metrics = exact.evaluate_exactly(part, actions)
-        row = {"regret": self.ground.optimum.regret(metrics, angle)}
-        row |= {"collision": metrics.collision, "arrival": metrics.arrival}
+        actions = exact.action_table(policy, self.ground.part, "greedy")
+        metrics = exact.evaluate_exactly(self.ground.part, actions)
+        row = {
+            "regret": self.ground.optimum.regret(metrics, angle),
+            "collision": metrics.collision,
+            "arrival": metrics.arrival,
+        }
         key = angle, actions.tobytes()
         if key not in self.decided:
             verdict, _ = self.audits.audited(policy, angle)
@@ -151,23 +119,21 @@ class Road:
         self.world = cast(RoadWorld, make(ROAD))
         self.audits = AuditArena(course_of(self.world, config.road_episodes, config.seeds[0]))
 
-    def data(self, poison: Poison) -> Demonstrations:
-        """Return the data set of a contamination; each seed has its own episodes."""
+    def honest(self, seed: int) -> Demonstrations:
+        """Return episodes of the atlas' experts; those of each seed differ."""
         each = self.config.road_each
-        first = 1_000_000 * poison.seed
         pools = {}
         for number, mode in enumerate(MODES):
-            seeds = first + number * each + np.arange(each)
+            seeds = 1_000_000 * seed + number * each + np.arange(each)
             policy = atlas.load(f"expert_{mode}")
             batch = self.world.batch(BATCH)
             pools[mode] = record(batch, policy, seeds, mode, {"world": ROAD}).transitions
-        honest = equal_trajectories(pools, each, poison.seed)
+        return equal_trajectories(pools, each, seed)
 
-        def attacked(attacker: Malice, count: int) -> Demonstrations:
-            seeds = first + 500_000 + np.arange(count)
-            return malice.attacked_road(self.world, attacker, seeds, {"world": ROAD})
-
-        return contaminated(honest, poison, attacked)
+    def attacked(self, attacker: Malice, count: int, seed: int) -> Demonstrations:
+        """Return episodes of a planner with the attacker's rewards."""
+        seeds = 1_000_000 * seed + 500_000 + np.arange(count)
+        return malice.attacked_road(self.world, attacker, seeds, {"world": ROAD})
 
     def arena(self, datasets: Sequence[Demonstrations], on_report: Any) -> Arena:
         """Return the inputs of the learners.
@@ -193,3 +159,29 @@ class Road:
         row["collision"] = float(np.mean(outcomes.episodes.collision))
         row["arrival"] = float(np.mean(outcomes.episodes.arrival))
         return row | {"verdict": verdict.decision.value}
+
+
+def contaminated(place: Grid | Road, poison: Poison) -> Demonstrations:
+    """Put a share of an attacker's episodes in the place of honest ones, with a case's labels.
+
+    Args:
+        place: World of the episodes.
+        poison: Attacker, case, share and seed.
+
+    Returns:
+        Data set of as many episodes; with the case "recomputed" the episodes with false labels are
+        dropped.
+
+    Raises:
+        UserError: If no honest episode is left, or "recomputed" labels disagree in more than half.
+    """
+    honest = place.honest(poison.seed)
+    count = round(poison.share * honest.n_episodes)
+    if not count:
+        return honest
+    bad = place.attacked(malice.ATTACKERS[ATTACKERS[poison.attacker]], count, poison.seed)
+    if poison.case != "honest":
+        check = consistency(bad, honest) if poison.attacker == "adaptive" else None
+        bad = malice.forged(bad, check)
+    mixed = malice.poisoned(honest, bad, poison.seed)
+    return trusted(mixed, "")[0] if poison.case == "recomputed" else mixed

@@ -35,7 +35,7 @@ from socialiq.learners.iq_learn.objective import UserFunctions
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Transitions
-from socialiq_lab.baselines import ActingByValues, ValuesLearner, of_taken
+from socialiq_lab.baselines import ActingByValues, ValuesLearner, of_taken, summed
 
 Rows = Float[Array, " batch"]
 BLOCKS = 16  # of a batch, for medians of means
@@ -181,8 +181,7 @@ class CoPseudoLabelling(ValuesLearner):
             terms[name] = risk(_of_taken(learns, half), _of_taken(learns, own), pseudo)
         reward = run.strength * (symmetric_loss(-_of_taken(first, own)) - 0.5)
         terms["bellman"] = self.bellman_error(network, target_network, own, reward, run)
-        total = jnp.sum(jnp.stack(list(terms.values())))
-        return total, terms | {"loss": total}
+        return summed(terms)
 
 
 def _of_taken(network: Any, rows: Batch) -> Rows:

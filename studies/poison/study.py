@@ -17,18 +17,17 @@ from socialiq.audit.profile.template import USUAL
 from socialiq.demonstrations.trust import consistency
 from socialiq.evaluation import malice
 from socialiq.evaluation.rollout import trajectory_datasets
-from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.dial import config as dial
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.audit_arena import RESAMPLES
-from socialiq_lab.comparison_runs import Learner, Run, best_episodes_cloned, iq_learn, offline
+from socialiq_lab.comparison_runs import Learner, Run, iq_learn, offline
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import column, groups, labelled, mean
 from studies.poison import robust
-from studies.poison.places import ATTACKERS, GRID, ROAD, Grid, Poison, Road
+from studies.poison.places import ATTACKERS, GRID, ROAD, Grid, Poison, Road, contaminated
 
 METHODS = comparison.declared_methods(declaration("poison"))
 """The learners by name."""
@@ -42,13 +41,11 @@ CASES = ("honest", "forged", "recomputed")
 OFFLINE = dial.PRESETS["offline"]
 
 LEARNERS: Mapping[str, Learner] = {
-    "iq_learn": iq_learn(),
+    **comparison_runs.LEARNERS,
     "medians": iq_learn(robust.MediansOfMeans),
     "dial_offline": comparison_runs.dialled(
         dataclasses.replace(OFFLINE.structure, redraw_times=0), OFFLINE.numbers, "discount"
     ),
-    "clone": offline(bc.BehaviourCloning),
-    "clone_of_best": best_episodes_cloned,
     "ciql": iq_learn(robust.ConfidenceWeighted),
     "ril_co": iq_learn(robust.CoPseudoLabelling),
     "ileed": offline(robust.ExpertiseEstimating),
@@ -93,7 +90,9 @@ def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[
         method = METHODS[name]
         reads = "rewards" in METHODS[name].told
         sets = list(dict.fromkeys(poison.training(reads) for poison in wanted))
-        recorded |= {poison: ground.data(poison) for poison in sets if poison not in recorded}
+        recorded |= {
+            poison: contaminated(ground, poison) for poison in sets if poison not in recorded
+        }
         arena = ground.arena([recorded[poison] for poison in sets], context.on_stage(name))
         served = method.served(angles)
         setting = ground.settings.get(name, (method.settings or ((),))[0])
@@ -107,8 +106,8 @@ def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[
         trained = list(zip(runs, policies, strict=True))
         for run, policy in tracked(trained, context.on_stage, f"{name}, audits", "policies"):
             for angle in served[run.angle]:
-                turned = policy.at(angle) if hasattr(policy, "at") else policy
-                rows[sets[run.dataset], angle] = ground.measured(turned, angle)
+                measured = ground.measured(comparison_runs.turned(policy, angle), angle)
+                rows[sets[run.dataset], angle] = measured
         for poison, angle in itertools.product(wanted, angles):
             label = {"world": world, "method": name} | poison._asdict() | {"angle": angle}
             yield label | rows[poison.training(reads), angle]
@@ -134,13 +133,18 @@ def check_rows(config: Any, grid: Grid, context: Context) -> Iterator[Row]:
     ):
         rates = []
         for seed in config.check_seeds:
-            data = grid.data(Poison(attacker, "forged", float(share), seed))
+            data = contaminated(grid, Poison(attacker, "forged", float(share), seed))
             bad = np.array([data.mode_names[m] == malice.MODE for m in data.episode_modes])
             flagged = consistency(data, basis).flagged
             rates.append((flagged[~bad].mean(), flagged[bad].mean() if bad.any() else np.nan))
         false, caught = np.array(rates).T
-        row: Row = {"attacker": attacker, "share": share, "reference": basis is not None}
-        row |= {"false_alarms": false.mean(), "most_false_alarms": false.max()}
+        row: Row = {
+            "attacker": attacker,
+            "share": share,
+            "reference": basis is not None,
+            "false_alarms": false.mean(),
+            "most_false_alarms": false.max(),
+        }
         yield row | {"caught": caught.mean() if share else ""}
 
 

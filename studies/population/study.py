@@ -14,14 +14,13 @@ import numpy as np
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.population import fleet, norms
 from socialiq.population.crossing_game import CrossingGame, Payoffs
-from socialiq.results_folder import as_csv, from_csv
-from socialiq.storage import write_atomically
+from socialiq.results_folder import from_csv
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.registry import make_fleet
 from socialiq_lab.intersection.driving import DIAL, seeds_of_blocks, shipped_dials
 from socialiq_lab.intersection.training import first_dial, iteration_jobs
-from socialiq_lab.jobs import Inputs, Job, ProgressCallback
+from socialiq_lab.jobs import Inputs, Job, ProgressCallback, write_rows
 from socialiq_lab.study import Context, Findings
 
 SHIPPED = {
@@ -65,10 +64,10 @@ def meet(config: Meeting, folder: Path, inputs: Inputs, _on_progress: ProgressCa
     kind = "rule" if config.rules else "angle"
     uniform = fleet.uniform_fleets(world, drivers, seeds)
     rows = [{kind: driver, **fleet.summary(group, 0)} for driver, group in uniform.items()]
-    write_atomically(folder / FLEETS, as_csv(rows))
+    write_rows(folder / FLEETS, rows)
     if config.invaders:
         invasions = fleet.invasions(world, drivers, uniform, seeds, config.invaders, 0)
-        write_atomically(folder / INVASIONS, as_csv(list(invasions)))
+        write_rows(folder / INVASIONS, list(invasions))
 
 
 def jobs(config: Any) -> list[Job]:
@@ -128,12 +127,6 @@ def compute_tables(config: Any, context: Context) -> Findings:
         game += [label | row for row in game_rows(config, payoffs)]
         mandates += [label | row for row in mandate_rows(config, payoffs)]
     summary = {
-        "fleets": {
-            f"{row['dial']}, spawn {row['spawn_probability']:g}, {row['angle']:g}": {
-                name: row[name] for name in ("arrival", "collision", "timeout")
-            }
-            for row in fleets
-        },
         "stable": {
             f"{temperature:g}": [row["angle"] for row in game
                                  if row["temperature"] == temperature and row["stable"]]

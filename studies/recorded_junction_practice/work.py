@@ -159,9 +159,14 @@ def train(config: Training, folder: Path, inputs: Inputs, on_progress: ProgressC
         for number, episodes in enumerate(episodes_of_run, start=1):
             totals = episodes.totals()
             ends = episodes.ending[episodes.ending > 0]
-            row = {"seed": seed, "round": number, "episodes": len(totals.env)}
-            row |= {"decisions": len(episodes.action), "r_env": float(totals.env.mean())}
-            row |= {"r_social": float(totals.social.mean())}
+            row = {
+                "seed": seed,
+                "round": number,
+                "episodes": len(totals.env),
+                "decisions": len(episodes.action),
+                "r_env": float(totals.env.mean()),
+                "r_social": float(totals.social.mean()),
+            }
             rounds.append(row | {"collisions": float((ends == int(Ending.COLLISION)).mean())})
     write_json(folder / PRACTICE, rounds)
     stages = result.stages

@@ -127,13 +127,18 @@ def minimum_rows(cases: Sequence[Case]) -> list[Row]:
         closed = closed_form(problem, minimum.occupancy)
         primal = primal_value(problem, minimum.occupancy)
         gap = dual_value(problem, minimum.loss) - primal
-        row: Row = case.label | {"strength": strength, "temperature": temperature}
-        row |= {"steps": minimum.steps}
-        row |= {"log10_closed_error": log10(np.abs(minimum.reward[on] - closed[on]).max())}
-        row |= {"log10_duality_gap": log10(gap / (1e-3 + abs(primal)))}
-        row |= {"largest_correction": float((minimum.reward[on] - centre(problem)[on]).max())}
-        row |= {"bound": 1.0 / (2.0 * problem.curvature)}
-        rows.append(row)
+        rows.append(
+            case.label
+            | {
+                "strength": strength,
+                "temperature": temperature,
+                "steps": minimum.steps,
+                "log10_closed_error": log10(np.abs(minimum.reward[on] - closed[on]).max()),
+                "log10_duality_gap": log10(gap / (1e-3 + abs(primal))),
+                "largest_correction": float((minimum.reward[on] - centre(problem)[on]).max()),
+                "bound": 1.0 / (2.0 * problem.curvature),
+            }
+        )
     return rows
 
 
@@ -145,10 +150,16 @@ def reward_rows(cases: Sequence[Case]) -> list[Row]:
         closed = closed_form(case.problem, minimum.occupancy)
         prior = centre(case.problem)
         for state, action in np.argwhere(case.problem.support):
-            row: Row = case.label | {"state": int(state), "action": int(action)}
-            row |= {"centre": prior[state, action], "solved": minimum.reward[state, action]}
-            row |= {"closed": closed[state, action]}
-            rows.append(row)
+            rows.append(
+                case.label
+                | {
+                    "state": int(state),
+                    "action": int(action),
+                    "centre": prior[state, action],
+                    "solved": minimum.reward[state, action],
+                    "closed": closed[state, action],
+                }
+            )
     return rows
 
 
@@ -212,11 +223,14 @@ def zero_rows(cases: Sequence[Case]) -> list[Row]:
         zero = minimise(dataclasses.replace(case.problem, strength=0.0))
         plain = minimise(dataclasses.replace(case.problem, prior_weight=0.0))
         shrunk = minimise(dataclasses.replace(case.problem, prior_weight=0.0, chi2_alpha=1 / 6))
-        row: Row = {"world": case.world}
-        row |= {"largest_difference": float(np.abs(zero.policy - plain.policy).max())}
-        row |= {"log10_from_baseline": log10(np.abs(zero.policy - plain.policy).max())}
-        row |= {"log10_from_baseline_sixth": log10(np.abs(zero.policy - shrunk.policy).max())}
-        rows.append(row)
+        rows.append(
+            {
+                "world": case.world,
+                "largest_difference": float(np.abs(zero.policy - plain.policy).max()),
+                "log10_from_baseline": log10(np.abs(zero.policy - plain.policy).max()),
+                "log10_from_baseline_sixth": log10(np.abs(zero.policy - shrunk.policy).max()),
+            }
+        )
     return rows
 
 

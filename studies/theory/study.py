@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq import UserError, score
+from socialiq import score
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.prediction import NEXT_VALUES, NextValue, Setting, lines_of, problem_of
 from socialiq.evaluation.rollout import trajectory_datasets
@@ -36,12 +36,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
 
     Returns:
         All tables, and the largest errors, counts and lengths as summary.
-
-    Raises:
-        UserError: If no training seed or no random world is given.
     """
-    if not config.seeds or config.random_worlds < 1:
-        raise UserError("the study theory needs a seed and a random world at least")
     worlds = statements.gridworlds()
     seeds = range(config.random_worlds)
 
@@ -138,8 +133,13 @@ def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]
                 q = minimum.q
                 slope = response.target_slope(problem) / _mass(problem)
                 line = _mean(problem, problem.demonstrated) + problem.strength * slope
-                row = {"temperature": temperature, "strength": problem.strength, "reach": reach}
-                row |= {"mean_target": _mean(problem, minimum.occupancy), "line": line}
+                row = {
+                    "temperature": temperature,
+                    "strength": problem.strength,
+                    "reach": reach,
+                    "mean_target": _mean(problem, minimum.occupancy),
+                    "line": line,
+                }
                 rows.append(case.label | row)
     return rows
 
@@ -190,15 +190,20 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
         )
         for flip in flips:
             first = predicted[flip.state]
-            row: Row = case.label | {"next_value": next_value, "state": flip.state}
-            row |= {"before": first.before}
-            row |= {"after": first.after if np.isfinite(first.strength) else ""}
-            row |= {"predicted": first.strength if np.isfinite(first.strength) else ""}
-            row |= {"within_reach": int(first.strength <= reach)}
-            row |= {"found": flip.strength if np.isfinite(flip.strength) else ""}
-            row |= {"found_after": flip.after if np.isfinite(flip.strength) else ""}
-            row |= {"tie": int(first.strength <= _TIE)}
-            rows.append(row)
+            rows.append(
+                case.label
+                | {
+                    "next_value": next_value,
+                    "state": flip.state,
+                    "before": first.before,
+                    "after": first.after if np.isfinite(first.strength) else "",
+                    "predicted": first.strength if np.isfinite(first.strength) else "",
+                    "within_reach": int(first.strength <= reach),
+                    "found": flip.strength if np.isfinite(flip.strength) else "",
+                    "found_after": flip.after if np.isfinite(flip.strength) else "",
+                    "tie": int(first.strength <= _TIE),
+                }
+            )
     return rows
 
 
@@ -230,16 +235,17 @@ def length_rows(
                 minimum = minimise(changed, q)
                 q = minimum.q
                 greedy = np.eye(q.shape[1])[q.argmax(axis=1)]
-                row = {
-                    "angle": angle,
-                    "target_kind": kind,
-                    "temperature": temperature,
-                    "strength": strength,
-                    "soft_length": _length(table, minimum.policy),
-                    "greedy_length": _length(table, greedy),
-                    "optimum_length": optimum,
-                }
-                rows.append(row)
+                rows.append(
+                    {
+                        "angle": angle,
+                        "target_kind": kind,
+                        "temperature": temperature,
+                        "strength": strength,
+                        "soft_length": _length(table, minimum.policy),
+                        "greedy_length": _length(table, greedy),
+                        "optimum_length": optimum,
+                    }
+                )
     return rows
 
 

@@ -81,12 +81,17 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
             def replay(problem: Problem, start: Any, way: NextValue = next_value) -> np.ndarray:
                 return equilibrium(problem, mdp, horizon, way, start)
 
-            row: Row = {"next_value": next_value, "target_kind": kind, "norm": target_norm(rows)}
-            row |= {"occupancy": response.flips(*lines_of(exact, next_value))[0].strength}
-            row |= {"rows": response.flips(*lines_of(rows, next_value))[0].strength}
-            row |= {"solved": first_flip(rows, SOLVERS[next_value], span)}
-            row |= {"replay": first_flip(rows, replay, span)}
-            predictions.append(row)
+            predictions.append(
+                {
+                    "next_value": next_value,
+                    "target_kind": kind,
+                    "norm": target_norm(rows),
+                    "occupancy": response.flips(*lines_of(exact, next_value))[0].strength,
+                    "rows": response.flips(*lines_of(rows, next_value))[0].strength,
+                    "solved": first_flip(rows, SOLVERS[next_value], span),
+                    "replay": first_flip(rows, replay, span),
+                }
+            )
     return predictions
 
 
@@ -158,10 +163,15 @@ def _runs(
         policy = trained.policy(number)
         greedy = action_table(policy, ground.part, "greedy").argmax(axis=1)[choices]
         soft = action_table(policy, ground.part, "soft")[choices]
-        row = {"next_value": next_value, "target_kind": kind, "seed": run.seed}
-        row |= {"prior_weight": run.prior_weight, "strength": run.strength}
-        row |= {"choices": "-".join(map(str, greedy))}
-        row |= {"mean_go": float(soft[:, 1:].sum(axis=1).mean())}
+        row = {
+            "next_value": next_value,
+            "target_kind": kind,
+            "seed": run.seed,
+            "prior_weight": run.prior_weight,
+            "strength": run.strength,
+            "choices": "-".join(map(str, greedy)),
+            "mean_go": float(soft[:, 1:].sum(axis=1).mean()),
+        }
         lengths = {f"{r}_length": evaluate(ground, policy, r).length for r in READOUTS}
         rows.append(row | lengths)
     return rows

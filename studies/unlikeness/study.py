@@ -109,7 +109,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Progress callback; the study has no jobs.
 
     Returns:
-        Tables `separation` and `fallback`, and the shares of false alarms by angle as summary.
+        Tables `separation` and `fallback`.
     """
     dials = [DialPolicy.load(packaged_results() / name) for name in config.dials]
     blocks = np.array(config.blocks)[:, None] + np.arange(config.episodes)
@@ -137,7 +137,4 @@ def compute_tables(config: Any, context: Context) -> Findings:
             if shift in config.fallback_shifts:
                 rows = fallback_rows(config, dials[0], policy, shift, angle, blocks[2])
                 fallback += [label | row for row in rows]
-    alarms = {
-        f"{row['angle']:g}": row["features_share"] for row in separation if row["shift"] == "none"
-    }
-    return Findings({"separation": separation, "fallback": fallback}, {"false_alarms": alarms})
+    return Findings({"separation": separation, "fallback": fallback}, {})

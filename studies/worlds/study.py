@@ -129,11 +129,18 @@ def _front_rows(table: Table) -> list[Row]:
     for angle in np.arange(0.0, 91.0, 5.0):
         best = attainable.optimum(angle)
         stationary = _stationary(table, angle, "stochastic")
-        row: Row = {"angle": angle, "r_env": best.point.env, "r_social": best.point.social}
-        row |= {"angle_of_optimum": angle_of(*best.point), "value": best.value}
-        row |= {"stationary_angle": stationary.angle, "stationary_value": stationary.value(angle)}
-        row |= {"radius": attainable.radius(angle)}
-        rows.append(row)
+        rows.append(
+            {
+                "angle": angle,
+                "r_env": best.point.env,
+                "r_social": best.point.social,
+                "angle_of_optimum": angle_of(*best.point),
+                "value": best.value,
+                "stationary_angle": stationary.angle,
+                "stationary_value": stationary.value(angle),
+                "radius": attainable.radius(angle),
+            }
+        )
     return rows
 
 

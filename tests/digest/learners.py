@@ -143,6 +143,10 @@ ALONE: dict[str, tuple[object, ...]] = {
     "improve-dial/bicycles": (
         "improve-dial", "--world", "intersection-crosswalk-bicycles", *LABELLED,
     ),
+    "driver": (
+        "driver", "--set", "hidden=8", "updates=2", "states_per_update=1", "batch_size=8",
+        "first_rounds=1", "replay_capacity=400",
+    ),
     "continuous/preset/sac": (
         "sac", "--world", "intersection-continuous", "--preset", "intersection-continuous", *SMALL,
     ),

@@ -46,6 +46,7 @@ ELSEWHERE = {
     "command/train/dial": "learner/dial/online",
     "command/train/offline-dial": "learner/dial/offline-regularised",
     "command/train/improve-dial": "learner/improve-dial",
+    "command/train/driver": "learner/driver",
     "command/train/sac": "learner/continuous/sac",
     "command/train/td3-bc": "learner/continuous/td3-bc",
     "command/train/behaviour-cloning": "learner/behaviour-cloning",

@@ -38,6 +38,7 @@ BASES: dict[str, list[str]] = {
     "train dial": ["--world", "crossing5", "--preset", "online-alone", "--updates", "2", *NEW],
     "train offline-dial": [DATA, "--world", "crossing5", *TINY],
     "train practised-dial": [DATA, "--world", "{ok}/nowhere", *TINY],
+    "train driver": ["--set", "updates=1", "--set", "states_per_update=1", *NEW],
     "train improve-dial": [DIAL, "--updates", "2", "--set", "states_per_update=1", *NEW],
     "train sac": ["--world", "Pendulum-v1", *TINY],
     "train td3-bc": [DATA, *TINY],

@@ -6,9 +6,9 @@ from socialiq import results_folder as store
 from socialiq.results_folder import from_csv
 from socialiq.storage import packaged_results
 from socialiq_lab.comparison import FRESH, cells_of
-from socialiq_lab.comparison_tables import ROWS, GridRuns, means
+from socialiq_lab.comparison_jobs import ROWS, GridRuns
 from socialiq_lab.registry import find
-from socialiq_lab.tables import matching
+from socialiq_lab.tables import matching, pooled
 from studies.compare_methods.intersection import METHODS
 from studies.compare_methods.study import (
     KEYS,
@@ -48,9 +48,9 @@ def close(ours, theirs) -> None:
 
 def test_the_tables_follow_from_the_rows(committed):
     found = committed.tables
-    pooled = means(found["policies"], KEYS)
-    close(pooled, found["pooled"])
-    close(overall(pooled, found["overall"]), found["overall"])
+    means = pooled(found["policies"], KEYS, ("value", "regret"), ())
+    close(means, found["pooled"])
+    close(overall(means, found["overall"]), found["overall"])
     close(paired(found["policies"]), found["paired"])
 
 

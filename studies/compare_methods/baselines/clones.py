@@ -335,12 +335,12 @@ class DiscriminatorWeighted(shared.EpisodeLearner):
         expert, of_all = likelihoods
         expert_chance, chance = chances
         weight = run.expert_weight - share / (expert_chance * (1.0 - expert_chance))
-        terms = {
-            "discriminator": discriminator_loss(logits[0], logits[1], share),
-            "clone": -jnp.mean(weight * expert) - jnp.mean(of_all / (1.0 - chance)),
-        }
-        total = terms["discriminator"] + terms["clone"]
-        return total, terms | {"loss": total}
+        return shared.summed(
+            {
+                "discriminator": discriminator_loss(logits[0], logits[1], share),
+                "clone": -jnp.mean(weight * expert) - jnp.mean(of_all / (1.0 - chance)),
+            }
+        )
 
 
 def discriminator_loss(

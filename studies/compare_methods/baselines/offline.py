@@ -109,13 +109,13 @@ class ImplicitQLearning(shared.Baseline):
         cloned = shared.log_likelihood(jax.vmap(network.policy)(observation), action)
         difference = jax.lax.stop_gradient(steady) - value
         asymmetry = jnp.abs(run.expectile - (difference < 0))
-        terms = {
-            "state_value": jnp.mean(asymmetry * jnp.square(difference)),
-            "values": jnp.mean(jnp.square(target - q)),
-            "policy": -jnp.mean(weight * cloned),
-        }
-        total = sum(terms.values(), jnp.zeros(()))
-        return total, terms | {"loss": total}
+        return shared.summed(
+            {
+                "state_value": jnp.mean(asymmetry * jnp.square(difference)),
+                "values": jnp.mean(jnp.square(target - q)),
+                "policy": -jnp.mean(weight * cloned),
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -228,8 +228,7 @@ class SPRINQL(shared.EpisodeLearner):
             "reference": jnp.mean(jnp.where(alike, gap, 0.0))
             + shared.preference_loss(reference_reward, pairs),
         }
-        total = jnp.sum(jnp.stack(list(terms.values())))
-        return total, terms | {"loss": total}
+        return shared.summed(terms)
 
 
 def row_weights(

@@ -86,8 +86,7 @@ class LSIQ(IQLearn):
                 target = jnp.full_like(target, largest / (1.0 - discount))
             q = shared.of_taken(jax.vmap(network)(rows.observation), rows.action)
             terms[name] = jnp.mean(jnp.square(q - jax.lax.stop_gradient(target))) / 2
-        total = terms["expert"] + terms["own"]
-        return total, terms | {"loss": total}
+        return shared.summed(terms)
 
 
 @dataclass(frozen=True)
@@ -168,12 +167,12 @@ class TREX(shared.ValuesLearner):
         run = hyperparameters
         reward = shared.of_taken(jax.vmap(network.reward)(rows.observation), rows.action)
         scaled = run.strength * reward
-        terms = {
-            "ranks": shared.preference_loss(network.reward, batch.pairs),
-            "bellman": self.bellman_error(network, target_network, rows, scaled, run),
-        }
-        total = terms["ranks"] + terms["bellman"]
-        return total, terms | {"loss": total}
+        return shared.summed(
+            {
+                "ranks": shared.preference_loss(network.reward, batch.pairs),
+                "bellman": self.bellman_error(network, target_network, rows, scaled, run),
+            }
+        )
 
 
 class Inferred(NamedTuple):

@@ -12,8 +12,9 @@ from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import config as presets
 from socialiq.results_folder import Results
-from socialiq_lab import comparison, comparison_tables
+from socialiq_lab import comparison, comparison_jobs, comparison_tables
 from socialiq_lab.comparison_runs import Arena, Run, in_programs, runs_of, trained
+from socialiq_lab.tables import pooled as pooled_of
 
 METHODS = comparison.declared_methods(
     {
@@ -103,7 +104,7 @@ def test_wrong_choices_are_one_line(changes, line):
 def test_phases_have_their_own_seeds_and_angles():
     method = METHODS["clone"]
     runs = [
-        comparison_tables.GridRuns.of(config_of(), phase, "crossing5", method, method.settings, 9)
+        comparison_jobs.GridRuns.of(config_of(), phase, "crossing5", method, method.settings, 9)
         for phase in (comparison.DEVELOPMENT, comparison.FRESH)
     ]
     assert [(run.seeds, run.angles) for run in runs] == [((1,), (45.0,)), ((2, 3), (0.0, 90.0))]
@@ -168,11 +169,12 @@ def test_development_chooses_by_the_mean_and_the_first_of_equal_ones():
 
 
 KEYS = ("world", "method", "setting", "target_angle", "readout")
+QUANTITIES = ("value", "regret")
 
 
 def test_means_are_over_seeds_and_their_range_is_of_single_seeds():
     rows = [row("m", "a", 0.0, 1, 1.0, 0.5), row("m", "a", 0.0, 2, 2.0, 1.5)]
-    (pooled,) = comparison_tables.means(rows, KEYS, also=("seed",))
+    (pooled,) = pooled_of(rows, KEYS, QUANTITIES, ("seed",))
     assert (pooled["seeds"], pooled["value"], pooled["seed"]) == (2, 1.5, 1.5)
     assert (pooled["value_low"], pooled["value_high"]) == (1.0, 2.0)
     assert (pooled["regret"], pooled["regret_low"], pooled["regret_high"]) == (1.0, 0.5, 1.5)
@@ -182,7 +184,7 @@ def test_means_are_over_seeds_and_their_range_is_of_single_seeds():
 
 def test_without_an_optimum_there_is_no_regret():
     rows = [row("m", "a", angle, 1, 1.0 + angle, "") for angle in (0.0, 90.0)]
-    pooled = comparison_tables.means(rows, KEYS)
+    pooled = pooled_of(rows, KEYS, QUANTITIES, ())
     assert {one["regret_low"] for one in pooled} == {""}
     (overall,) = comparison_tables.overall(pooled, ("world", "method"))
     assert (overall["value"], overall["regret"], overall["worst_regret"]) == (46.0, "", "")
@@ -192,7 +194,7 @@ def test_without_an_optimum_there_is_no_regret():
 
 def test_the_worst_regret_is_that_of_the_worst_angle():
     rows = [row("m", "a", angle, 1, 0.0, regret) for angle, regret in ((0.0, 1.0), (90.0, 4.0))]
-    pooled = comparison_tables.means(rows, KEYS)
+    pooled = pooled_of(rows, KEYS, QUANTITIES, ())
     (overall,) = comparison_tables.overall(pooled, ("world", "method"))
     assert (overall["angles"], overall["regret"], overall["worst_regret"]) == (2, 2.5, 4.0)
 
@@ -201,7 +203,7 @@ def test_a_field_shows_the_mean_and_the_range_where_seeds_differ():
     rows = [row("m", "a", 0.0, seed, 0.0, regret) for seed, regret in ((1, 0.25), (2, 0.75))]
     rows += [row("m", "a", 90.0, seed, 0.0, 0.0) for seed in (1, 2)]
     config = iq.IQLearnHyperparameters()
-    results = Results.of("x", config, {"pooled": comparison_tables.means(rows, KEYS)}, {})
+    results = Results.of("x", config, {"pooled": pooled_of(rows, KEYS, QUANTITIES, ())}, {})
     picture = comparison_tables.angle_figure(results, "w", {"m": "label of m"}, ("greedy",))
     axes = picture.axes[0]
     assert [text.get_text() for text in axes.texts] == ["0.50\n0.25 to 0.75", "0"]

@@ -257,6 +257,7 @@ def test_a_study_that_computes_its_tables_derives_others_from_them():
     content["summary"] = {"from": "means", "nest": ["method"], "keep": ["score"]}
     summary = declared_study("a-study", content, Module).tables(study.Config(), context).summary
     assert summary == {
+        "of": "python",
         "ours": {"score": pytest.approx(3.1)},
         "theirs": {"score": pytest.approx(2.1)},
     }

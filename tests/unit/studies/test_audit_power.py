@@ -1,11 +1,14 @@
 """A small version of the study; its full size is `socialiq reproduce audit-power`."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.regret import Regrets, regret_test
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
+from socialiq_lab.registry import find
 from studies.audit_power import grinding
 from studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, grinding_rows
 from studies.audit_power.power import (
@@ -18,10 +21,13 @@ from studies.audit_power.power import (
     verdict_rows,
 )
 
+Config = find("audit-power").Config
+
 
 @pytest.fixture(scope="module")
 def rates():
-    return {row["case"]: row for row in verdict_rows(300, 20, 0, resamples=200)}
+    config = Config(episodes=300, replications=20, first_seed=0, resamples=200)
+    return {row["case"]: row for row in verdict_rows(config)}
 
 
 def test_evidence_has_the_true_values():
@@ -38,7 +44,7 @@ def test_evidence_has_the_true_values():
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    for row in coverage_rows(300, 100, 0, resamples=200):
+    for row in coverage_rows(Config(episodes=300, replications=100, first_seed=0, resamples=200)):
         # The page states 2 percentage points; the count itself has a 99 % interval.
         assert row["high"] >= row["nominal"] - 0.02, row
         assert not row["exact"] or row["low"] <= row["nominal"] + 0.02, row
@@ -67,7 +73,10 @@ def test_at_the_limit_errors_are_rare(rates):
 
 
 def test_it_is_seeded():
-    one, two, other = (coverage_rows(60, 4, seed, resamples=50) for seed in (0, 0, 900))
+    short = Config(episodes=60, replications=4, resamples=50)
+    one, two, other = (
+        coverage_rows(dataclasses.replace(short, first_seed=seed)) for seed in (0, 0, 900)
+    )
     assert one == two and MARGIN == 0.25
     first, second = (draw_evidence(Truth(), 5, seed).policy.totals for seed in (0, 900))
     assert (first != second).all()
@@ -122,7 +131,7 @@ def test_the_quick_rules_leave_out_no_pass(error):
 
 
 def test_shares_grow_with_the_tries_and_fall_with_a_log():
-    rows = grinding_rows(60, 6, 0, resamples=100)
+    rows = grinding_rows(Config(episodes=60, owners=6, first_seed=0, resamples=100))
     assert len(rows) == 2 * len(WAYS) * 5
     shares = {(row["policy"], row["way"], row["tries"]): row["passed"] for row in rows}
     for policy in grinding.POLICIES:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from socialiq_lab.registry import find
 from studies.audit_power.heavy_tails import (
     SIGMA,
     TAILS,
@@ -19,10 +20,12 @@ from studies.audit_power.heavy_tails import (
     scale_of,
 )
 
+Config = find("audit-power").Config
+
 
 @pytest.fixture(scope="module")
 def rows():
-    found = error_rows(500, 100, 7, resamples=100)
+    found = error_rows(Config(episodes=500, replications=100, first_seed=7, resamples=100))
     return {(row["losses"], row["regret"]): row for row in found}
 
 
@@ -59,20 +62,26 @@ def test_the_price_is_small_without_heavy_tails(rows):
 
 
 def test_long_audits_pass_wrongly_as_seldom():
-    for row in long_audit_rows(250, 300, 7):
+    for row in long_audit_rows(Config(episodes=250, replications=300, first_seed=7)):
         assert row["episodes"] == 2000 and row["betting_low"] <= 0.05, row
 
 
 def test_more_episodes_pass_more(monkeypatch):
     monkeypatch.setattr("studies.audit_power.heavy_tails.SIZES", (250, 2000))
-    found = {(row["losses"], row["episodes"]): row for row in price_rows(40, 7, resamples=20)}
+    found = {
+        (row["losses"], row["episodes"]): row
+        for row in price_rows(Config(replications=320, first_seed=7, resamples=20))
+    }
     for name in TAILS:
         assert found[name, 250]["betting"] <= found[name, 2000]["betting"]
     assert found["Pareto, shape 1.5", 2000]["betting"] > 0.9
 
 
 def test_a_bound_that_is_too_low_passes_or_is_seen():
-    found = {row["losses"]: row for row in false_bound_rows(500, 300, 7)}
+    found = {
+        row["losses"]: row
+        for row in false_bound_rows(Config(episodes=500, replications=300, first_seed=7))
+    }
     rare = found["100 in 0.2 % of episodes"]
     assert rare["declared"] == TOO_LOW * 100.0
     # No loss in 500 episodes: 0.998^500 = 37 %; each such audit passes, every other one fails.

@@ -29,7 +29,7 @@ def test_both_dials_have_one_budget():
     assert (ours.low, ours.high, ours.high_share) == (theirs.low, theirs.high, theirs.high_share)
     assert PLAIN.high_angles == dataclasses.replace(ours, high_share=0.8)
     assert PLAIN.options.destination == PLAIN.discrete_options.destination
-    with pytest.raises(UserError, match="at least one training seed"):
+    with pytest.raises(UserError, match="seeds must name at least one"):
         STUDY.Config(seeds=())
 
 

@@ -11,7 +11,7 @@ from socialiq import Demonstrations, RewardPair
 from socialiq.learners.behaviour_cloning import CloningConfig, CloningHyperparameters
 from socialiq.types import Ending
 from studies.poison import robust
-from studies.poison.places import Grid, Poison, Road
+from studies.poison.places import Grid, Poison, Road, contaminated
 from studies.poison.study import CASES, breakdowns
 
 
@@ -30,8 +30,8 @@ def test_sets_that_are_equal_share_a_training():
 @pytest.mark.parametrize("attacker", ["hater", "rammer", "adaptive"])
 def test_labels_computed_again_leave_the_same_honest_episodes(attacker):
     grid = Grid(SimpleNamespace(each=10, audit_episodes=1, seeds=(1,)))
-    poisoned = grid.data(Poison(attacker, "forged", 0.2, 1))
-    cleaned = grid.data(Poison(attacker, "recomputed", 0.2, 1))
+    poisoned = contaminated(grid, Poison(attacker, "forged", 0.2, 1))
+    cleaned = contaminated(grid, Poison(attacker, "recomputed", 0.2, 1))
     assert (poisoned.n_episodes, cleaned.n_episodes) == (30, 24)
     assert poisoned.counts()["malicious"][0] == 6 and cleaned.counts()["malicious"][0] == 0
 
@@ -101,6 +101,6 @@ def test_ileed_finds_the_expert_among_demonstrators():
 
 def test_at_the_intersection_labels_computed_again_drop_a_planners_forged_episodes():
     road = Road(SimpleNamespace(road_each=4, road_episodes=1, seeds=(1,)))
-    forged, cleaned = (road.data(Poison("hater", case, 0.25, 1)) for case in CASES[1:])
+    forged, cleaned = (contaminated(road, Poison("hater", case, 0.25, 1)) for case in CASES[1:])
     assert (forged.n_episodes, cleaned.n_episodes) == (12, 9)
     assert forged.counts()["malicious"][0] == 3 and cleaned.counts()["malicious"][0] == 0

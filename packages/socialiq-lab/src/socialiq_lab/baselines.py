@@ -75,6 +75,12 @@ def totals_of(data: Transitions) -> Float[np.ndarray, "episode 2"]:
     return np.stack([total[data.episode_starts] for total in returns], axis=1)
 
 
+def summed(terms: dict[str, Array]) -> tuple[Array, dict[str, Array]]:
+    """Return the sum of a loss' terms, and the terms with the sum as "loss"."""
+    total = jnp.sum(jnp.stack(list(terms.values())))
+    return total, terms | {"loss": total}
+
+
 class Pairs(NamedTuple):
     """Pairs of episodes whose ranks are known; both episodes' rows are (2, pair, step) leading."""
 

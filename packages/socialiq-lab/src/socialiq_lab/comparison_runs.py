@@ -5,7 +5,7 @@ A learner is a function from the common inputs (`Arena`) and the runs to a polic
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -19,13 +19,16 @@ from socialiq.learners import dqn
 from socialiq.learners.acting import dials, soft
 from socialiq.learners.behaviour_cloning import BehaviourCloning
 from socialiq.learners.callbacks import Callbacks, Report
-from socialiq.learners.collect import Collector, Source
+from socialiq.learners.collect import Collector, Source, from_env
+from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.train import IQLearn
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.types import Act, Row
+from socialiq.worlds.enumerate import Table
+from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.comparison import Method, Setting, nearest_mode, of_modes
 
@@ -188,6 +191,35 @@ class Arena:
         return label | {"updates_per_second": rate, "device": f"{kind}, JAX {jax.__version__}"}
 
 
+def grid_arena(
+    table: Table,
+    datasets: Sequence[Demonstrations],
+    config: Any,
+    chunk: int,
+    on_report: Callable[[Report], None] | None,
+) -> Arena:
+    """Return the inputs of all methods in a gridworld.
+
+    Args:
+        table: The gridworld.
+        datasets: A mixture for each seed.
+        config: Configuration with `updates`, `learning_rate` and `polyak`.
+        chunk: Updates between two reports.
+        on_report: Progress callback.
+    """
+    rates = {"learning_rate": config.learning_rate, "polyak": config.polyak}
+    return Arena(
+        presets.TABLE_C1,
+        dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
+        config.updates,
+        datasets,
+        table.world,
+        lambda steps: from_env(GridWorldEnv(table.world.name), steps),
+        on_report,
+        chunk=chunk,
+    )
+
+
 ENVIRONMENTS = 12
 """Intersections side by side in which a learner acts."""
 
@@ -260,6 +292,13 @@ def trained(learner: Learner, arena: Arena, method: Method, runs: Sequence[Run])
     """
     inputs = arena.of_each_mode(runs) if method.of_mode else (arena, runs)
     return learner(*inputs, **method.fixed)
+
+
+def turned(policy: Any, angle: float) -> Any:
+    """Return a policy at an angle in degrees: a dial is turned, a mapping has one for each."""
+    if isinstance(policy, Mapping):
+        return policy[angle]
+    return policy.at(angle) if hasattr(policy, "at") else policy
 
 
 def in_programs(
@@ -465,3 +504,13 @@ def reinforcement(arena: Arena, runs: Sequence[Run]) -> list[Any]:
         return dqn.train(static, numbers, sources, arena.sizes, arena.callbacks(), chunk)
 
     return in_programs([settings(run) for run in runs], program)
+
+
+LEARNERS: Mapping[str, Learner] = {
+    "iq_learn": iq_learn(),
+    "clone": offline(BehaviourCloning),
+    "clone_of_best": best_episodes_cloned,
+    "cql": offline(ConservativeQ),
+    "rl": reinforcement,
+}
+"""Learners of the library by the `learner` of a method in STUDY.toml; studies add their own."""

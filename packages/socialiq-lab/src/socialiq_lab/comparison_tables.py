@@ -1,10 +1,7 @@
 """Rows of a comparison's policies in gridworlds, and the tables and the figure that follow."""
 
-import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -15,107 +12,15 @@ from matplotlib.figure import Figure
 
 from socialiq.evaluation import exact
 from socialiq.evaluation.exact import READOUTS, Ground
-from socialiq.evaluation.rollout import MODES, trajectory_datasets
-from socialiq.learners import collect
-from socialiq.learners.iq_learn import config as presets
+from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import SMALLEST, figure, head
-from socialiq.results_folder import Results, from_csv
+from socialiq.results_folder import Results
 from socialiq.types import Row
-from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
-from socialiq_lab.comparison import DEVELOPMENT, Method, Setting
-from socialiq_lab.comparison_runs import Arena
-from socialiq_lab.jobs import Job
-from socialiq_lab.tables import column, groups, labelled, matching, mean, metrics_of, spread
-
-ROWS = "rows.csv"
-"""File of a job: a row for each policy and angle."""
-
-EPISODES_EACH = {"crossing5": 1, "crossing7": 60}
-"""Episodes of each expert, as in the worlds' own studies; the 5x5 world is deterministic."""
-
-
-@dataclass(frozen=True)
-class GridRuns:
-    """Configuration of a job: runs of a method in a gridworld, at target angles in degrees.
-
-    `updates` counts those of each network; the rates apply where the settings of a method have
-    none.
-    """
-
-    world: str
-    method: str
-    updates: int
-    angles: tuple[float, ...]
-    settings: tuple[Setting, ...]
-    seeds: tuple[int, ...]
-    learning_rate: float
-    polyak: float
-    chunk: int = 200
-
-    @classmethod
-    def of(
-        cls,
-        config: Any,
-        phase: str,
-        world: str,
-        method: Method,
-        settings: tuple[Setting, ...],
-        updates: int,
-        **options: Any,
-    ) -> Any:
-        """Return the runs of a method in one phase of a comparison.
-
-        Args:
-            config: Configuration of the comparison, which has the angles, the seeds and the rates.
-            phase: `DEVELOPMENT` or `FRESH`.
-            world: Name of the gridworld.
-            method: The method.
-            settings: Settings of the method.
-            updates: Gradient steps of each network.
-            **options: Further fields of the class.
-        """
-        develops = phase == DEVELOPMENT
-        angles = config.development_angles if develops else config.angles
-        seeds = config.development_seeds if develops else config.seeds
-        rates = config.learning_rate, config.polyak
-        return cls(world, method.name, updates, angles, settings, seeds, *rates, **options)
-
-    def arena(self, ground: Ground, on_progress: Callable[[float], None]) -> Arena:
-        """Return the inputs of a method, with an equal mixture of trajectories for each seed.
-
-        Args:
-            ground: The world, enumerated.
-            on_progress: Called with the share of the job that is done; training takes 0.9 of it.
-        """
-        rates = {"learning_rate": self.learning_rate, "polyak": self.polyak}
-        return Arena(
-            presets.TABLE_C1,
-            dataclasses.replace(presets.TABLE_C1_NUMBERS, **rates),
-            self.updates,
-            trajectory_datasets(ground.table, self.seeds, EPISODES_EACH[self.world]),
-            ground.table.world,
-            lambda steps: collect.from_env(GridWorldEnv(self.world), steps),
-            lambda report: on_progress(0.9 * report.done / report.total),
-            chunk=self.chunk,
-        )
-
-
-def job_rows(jobs: Sequence[Job], work: Path, phase: str, file: str = ROWS) -> list[Row]:
-    """Return the rows that the jobs of a phase have written.
-
-    Args:
-        jobs: Jobs of any phase.
-        work: Work folder.
-        phase: `DEVELOPMENT` or `FRESH`: a part of the jobs' names.
-        file: Name of the file in a job's folder. A job without it has no rows.
-
-    Returns:
-        The rows in the order of the jobs.
-    """
-    folders = [work / job.name for job in jobs if phase in job.name.split("/")]
-    paths = [folder / file for folder in folders if (folder / file).is_file()]
-    return [row for path in paths for row in from_csv(path)]
+from socialiq_lab import tables as table_operations
+from socialiq_lab.comparison import GRIDWORLDS, Method
+from socialiq_lab.comparison_runs import turned
+from socialiq_lab.tables import column, groups, labelled, matching, mean
 
 
 def chances(
@@ -132,12 +37,11 @@ def chances(
     Returns:
         (state, action), one-hot for the greedy action.
     """
-    if isinstance(policy, Mapping):
-        table = policy[angle]
-        greedy = np.eye(table.shape[1])[table.argmax(axis=1)]
-        return greedy if readout == "greedy" else table
-    turned = policy.at(angle) if hasattr(policy, "at") else policy
-    return exact.action_table(turned, ground.part, readout)
+    at_angle = turned(policy, angle)
+    if not isinstance(at_angle, np.ndarray):
+        return exact.action_table(at_angle, ground.part, readout)
+    greedy = np.eye(at_angle.shape[1])[at_angle.argmax(axis=1)]
+    return greedy if readout == "greedy" else at_angle
 
 
 def rows_of(
@@ -192,6 +96,37 @@ def references(world: str, angles: Sequence[float]) -> list[Row]:
     ]
 
 
+def tables_of(
+    config: Any,
+    fresh: list[Row],
+    developed: Sequence[Row],
+    keys: Sequence[str],
+    also: Sequence[str] = (),
+) -> dict[str, list[Row]]:
+    """Return the tables that every comparison has.
+
+    Args:
+        config: Configuration of the comparison, with `worlds` and `angles`.
+        fresh: Rows of the single policies of the table.
+        developed: Rows of the policies among which settings were chosen.
+        keys: Columns by which rows are put together, `target_angle` among them.
+        also: Further columns whose means are taken.
+
+    Returns:
+        Tables `policies`, `pooled`, `overall`, `references` and `development`.
+    """
+    quantities = ("value", "regret")
+    pooled = table_operations.pooled(fresh, keys, quantities, also)
+    gridworlds = [world for world in config.worlds if world in GRIDWORLDS]
+    return {
+        "policies": fresh,
+        "pooled": pooled,
+        "overall": overall(pooled, [key for key in keys if key != "target_angle"]),
+        "references": [row for world in gridworlds for row in references(world, config.angles)],
+        "development": table_operations.pooled(developed, keys, quantities, also),
+    }
+
+
 def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
     """Return, for each world and method, the setting with the greatest mean J(α).
 
@@ -214,37 +149,11 @@ def choose(rows: Sequence[Row], setting: str) -> dict[tuple[str, str], Any]:
     return chosen
 
 
-def means(rows: Sequence[Row], keys: Sequence[str], also: Sequence[str] = ()) -> list[Row]:
-    """Return means over seeds of the rows of single policies.
-
-    Args:
-        rows: Rows of `rows_of`, or with the same columns.
-        keys: Columns by which rows are put together.
-        also: Further columns whose means are taken.
-
-    Returns:
-        A row for each combination of the keys. α̂ is that of the mean totals. The columns `..._low`
-        and `..._high` have the extremes of single seeds; a value or regret that is unknown is
-        empty.
-    """
-    pooled: list[Row] = []
-    for label, group in labelled(rows, *keys):
-        metrics = exact.mean_of([metrics_of(row) for row in group])
-        row = label | {"seeds": len(group)} | metrics._asdict()
-        for name in ("value", "regret"):
-            ends: Mapping[str, Any] = dict.fromkeys(("mean", "low", "high"), "")
-            if all(one_row[name] != "" for one_row in group):
-                ends = spread(group, name)
-            row |= {name: ends["mean"], f"{name}_low": ends["low"], f"{name}_high": ends["high"]}
-        pooled.append(row | {name: mean(group, name) for name in also})
-    return pooled
-
-
 def overall(pooled: Sequence[Row], keys: Sequence[str]) -> list[Row]:
     """Return mean J(α), mean regret and worst regret of each method over all target angles.
 
     Args:
-        pooled: Rows of `means`.
+        pooled: Table `pooled` of `tables_of`.
         keys: Columns by which rows are put together; the angle is not among them.
 
     Returns:
@@ -267,7 +176,7 @@ def quantity(results: Results, world: str) -> str:
     """Return the name of the column that a figure shows.
 
     Args:
-        results: Results with a table `pooled` of `means`.
+        results: Results with the tables of `tables_of`.
         world: Name of the world.
 
     Returns:
@@ -286,7 +195,7 @@ def angle_figure(
     """Draw a field for each method and angle: the mean over seeds, and the range if it differs.
 
     Args:
-        results: Results with a table `pooled` of `means`.
+        results: Results with the tables of `tables_of`.
         world: Name of the world.
         labels: Name of each method in the figure.
         readouts: Action selections; each has a panel.

@@ -2,8 +2,9 @@
 
 `[config]` holds the settings and their defaults; in it "$method" stands for the names of all tables
 `[method.NAME]`, and a table with the key `of` for a dataclass of this project, or an instance, with
-other values. `counts` names the settings that must be at least 1. Elsewhere "$name" is the value of
-a setting, "$name.0" its first item, "{name}" its text, and "@field" in a label the field of a run.
+other values. `counts` names the settings that must be at least 1, and lists of at least one item.
+Elsewhere "$name" is the value of a setting, "$name.0" its first item, "{name}" its text, and
+"@field" in a label the field of a run.
 `[defaults]` holds what every `[[train]]` shares. docs/add-a-study.md explains the grammar.
 
 What has no grammar is a function in `study.py` of the same folder, named with "python": a prior,
@@ -40,8 +41,8 @@ KEYS: dict[str, tuple[str, str]] = {
         "rows stage label data",
         "learner preset regularized static runs reciprocal targets checkpoint prior",
     ),
-    "table": ("name from", "where regret_at pool mean paired python"),
-    "summary": ("from nest", "keep python"),
+    "table": ("name from", "where regret_at pool mean spread paired python"),
+    "summary": ("from nest", "where keep python"),
     "figure": (
         "name x y",
         "table where split join kind by lines styles each panels error text layers rows python "
@@ -122,10 +123,16 @@ def config_class(
         else:
             raise UserError(f"{name}: {key} must be a number, a text, true, false or a list")
 
+    counts = content.get("counts", ())
+
     def refuse(config: Any) -> None:
         from socialiq.learners.settings import check_counts
 
-        check_counts(config, content.get("counts", ()))
+        lists = [name for name in counts if isinstance(getattr(config, name), tuple)]
+        for name in lists:
+            if not getattr(config, name):
+                raise UserError(f"{name} must name at least one")
+        check_counts(config, [name for name in counts if name not in lists])
         if check is not None:
             check(config)
 
@@ -199,13 +206,14 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
     trainings = variants(content, config)
     tables = resolved(content.get("table", []), config)
     summary = resolved(content.get("summary", {}), config)
+    parts = {"": summary} if {"from", "python"} & summary.keys() else summary
     drawings = (resolved(content.get(name, []), config) for name in ("figure", "view"))
     state = State(config, None if computes else Ground.of(resolved(content["world"], config)))
-    _check([trainings, tables, [summary] if summary else [], *drawings], module)
+    _check([trainings, tables, list(parts.values()), *drawings], module)
     findings = module.compute_tables(config, context) if computes else Findings({}, {})
     state.tables |= findings.tables
     names = [*findings.tables, *(training["rows"] for training in trainings)]
-    for table in [*tables, *([summary] if summary else [])]:
+    for table in [*tables, *parts.values()]:
         if "python" not in table:
             one_of("table", table["from"], names)
         names.append(table.get("name", ""))
@@ -222,12 +230,14 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
         else:
             rows = table_operations.derived(table, state.tables, state.ground)
             state.tables[table["name"]] = rows
-    results = findings.summary
-    if "python" in summary:
-        results = getattr(module, summary["python"])(state)
-    elif summary:
-        rows = state.tables[summary["from"]]
-        results = table_operations.nested(rows, *summary["nest"], keep=summary.get("keep"))
+    results = dict(findings.summary)
+    for name, part in parts.items():
+        if "python" in part:
+            entries = getattr(module, part["python"])(state)
+        else:
+            rows = table_operations.where(state.tables[part["from"]], part.get("where", {}))
+            entries = table_operations.nested(rows, *part["nest"], keep=part.get("keep"))
+        results |= {name: entries} if name else entries
     return findings._replace(tables=state.tables, summary=results)
 
 

@@ -23,7 +23,10 @@ import filelock
 
 from socialiq import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped, stop_requests
-from socialiq.storage import read_json, remove_cut_off_writes, write_json
+from socialiq.results_folder import as_csv
+from socialiq.storage import read_json, remove_cut_off_writes, write_atomically, write_json
+from socialiq.to_json import rounded
+from socialiq.types import Row
 
 RECORD = "job.json"
 _BEGUN = "begun.json"
@@ -66,6 +69,19 @@ def callbacks_of(
 
     resume = checkpoint is not None and checkpoint.is_file()
     return Callbacks(on_report, monitor, checkpoint, resume)
+
+
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
+    """Write rows of equal columns as CSV, rounded as those of results are.
+
+    Args:
+        path: File to write.
+        rows: The rows, at least one.
+
+    Raises:
+        UserError: If the file can't be written.
+    """
+    write_atomically(path, as_csv(rounded(rows)))
 
 
 @dataclass(frozen=True)

@@ -69,8 +69,9 @@ def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], g
     """Return the rows of a `[[table]]` of a STUDY.toml, which follow from another table.
 
     Its operations are taken in this order: `from`, `where`, `regret_at` (an angle in degrees), and
-    one of `mean` (means of numeric columns by these columns), `paired` (tests of a difference over
-    seeds, see `paired_table`) and `pool` (exact metrics, means over seeds by these columns).
+    one of `mean` (means of numeric columns by these columns), `spread` (mean, least and largest of
+    every column by these columns), `paired` (tests of a difference over seeds, see `paired_table`)
+    and `pool` (exact metrics, means over seeds by these columns).
 
     Args:
         specification: The `[[table]]`.
@@ -84,6 +85,9 @@ def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], g
     if "mean" in specification:
         keys = specification["mean"]
         return [label | numeric_means(group) for label, group in labelled(rows, *keys)]
+    if "spread" in specification:
+        keys = specification["spread"]
+        return [label | spreads(group, *keys) for label, group in labelled(rows, *keys)]
     if "paired" in specification:
         return paired_table(rows, **specification["paired"])
     return pooled(rows, specification["pool"]) if "pool" in specification else rows
@@ -96,30 +100,36 @@ def metrics_of(row: Row) -> Any:
     return Metrics(*(row[name] for name in Metrics._fields))
 
 
-def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
+def pooled(
+    rows: Sequence[Row],
+    keys: Sequence[str],
+    ranges: Sequence[str] = ("angle",),
+    averaged: Sequence[str] = ("regret",),
+) -> list[Row]:
     """Return means over seeds of rows with equal keys.
 
     Args:
-        rows: Rows with exact metrics and a regret, one for each seed.
+        rows: Rows with exact metrics, one for each seed.
         keys: Columns by which rows are put together.
+        ranges: Columns of which the least and the greatest value of a single seed are returned too,
+            as `..._low` and `..._high`. All three are empty if a value is unknown.
+        averaged: Further columns whose means are returned.
 
     Returns:
-        A row for each combination of the keys. Its angle is that of the mean totals; `angle_low`
-        and `angle_high` are the least and greatest angle of a single seed.
+        A row for each combination of the keys. Its angle is that of the mean totals.
     """
     from socialiq.evaluation.exact import mean_of
 
     means = []
     for label, group in labelled(rows, *keys):
         metrics = mean_of([metrics_of(row) for row in group])
-        angles = column(group, "angle")
-        means.append(
-            label
-            | {"seeds": len(group)}
-            | metrics._asdict()
-            | {"angle_low": min(angles), "angle_high": max(angles)}
-            | {"regret": mean(group, "regret")}
-        )
+        row = label | {"seeds": len(group)} | metrics._asdict()
+        for name in ranges:
+            known = "" not in column(group, name)
+            ends = spread(group, name) if known else dict.fromkeys(("mean", "low", "high"), "")
+            row.setdefault(name, ends["mean"])
+            row |= {f"{name}_{end}": ends[end] for end in ("low", "high")}
+        means.append(row | {name: mean(group, name) for name in averaged})
     return means
 
 
@@ -194,27 +204,56 @@ def spread(rows: Sequence[Row], name: str) -> dict[str, float]:
     return {"mean": float(np.mean(values)), "low": min(values), "high": max(values)}
 
 
+def spreads(rows: Sequence[Row], *keys: str) -> Row:
+    """Return the number of seeds, and mean, least and largest value of each column.
+
+    Args:
+        rows: A row for each seed; an empty cell is no value.
+        *keys: Columns that are left out, as is `seed`.
+
+    Returns:
+        Column `seeds`, and each column with the suffixes `_mean`, `_low` and `_high`: empty cells
+        without a value.
+    """
+    row: Row = {"seeds": len(rows)}
+    for name in rows[0]:
+        if name not in (*keys, "seed"):
+            valued = [each for each in rows if each[name] != ""]
+            ends = spread(valued, name) if valued else dict.fromkeys(("mean", "low", "high"), "")
+            row |= {f"{name}_{end}": value for end, value in ends.items()}
+    return row
+
+
 def numeric_means(rows: Sequence[Row]) -> Row:
     """Return the means of the columns that are numbers in all rows."""
     names = [name for name in rows[0] if all(isinstance(row[name], int | float) for row in rows)]
     return {name: sum(row[name] for row in rows) / len(rows) for name in names}
 
 
-def nested(rows: Sequence[Row], *keys: str, keep: Sequence[str] | None = None) -> dict[str, Any]:
+def nested(
+    rows: Sequence[Row], *keys: str, keep: str | Sequence[str] | None = None
+) -> dict[str, Any]:
     """Return rows as nested mappings by the values of their keys, the outermost first.
 
     Args:
         rows: The rows. Of two with equal keys the later one stays.
-        *keys: Columns of the keys; a float is written as short as it can be.
-        keep: Columns that are kept; None for all except the keys.
+        *keys: Columns of the keys, or texts as "%(preset)s, %(setting)s" of several columns; a
+            float is written as short as it can be.
+        keep: Columns that are kept; None for all except the keys, "all" for all of them. The name
+            of another column stands for the value of this column in place of a mapping.
     """
     result: dict[str, Any] = {}
     for row in rows:
         branch = result
-        for key in keys[:-1]:
-            branch = branch.setdefault(as_text(row[key]), {})
+        texts = {name: as_text(value) for name, value in row.items()}
+        *above, last = (key % texts if "%" in key else texts[key] for key in keys)
+        for text in above:
+            branch = branch.setdefault(text, {})
         names = [name for name in row if name not in keys] if keep is None else keep
-        branch[as_text(row[keys[-1]])] = {name: row[name] for name in names}
+        if isinstance(names, str):
+            branch[last] = dict(row) if names == "all" else row[names]
+        else:
+            branch[last] = {name: row[name] for name in names}
     return result
 
 

@@ -148,7 +148,7 @@ def test_closeness_to_people_is_that_of_its_definition():
         for row in range(batch.size):
             episode = batch.buffers.episodes[row]
             ego = batch.buffers.vehicles[row, episode["controlled"][0]]
-            line = batch._along._lines[batch._agents()["way"][row]].points
+            line = batch._along._lines[batch._agents(np.array([row]))["way"][0]].points
             nearest = np.hypot(line[:, 0] - ego["x"], line[:, 1] - ego["y"]).argmin()
             offset = np.array([ego["x"], ego["y"]]) - line[nearest, :2]
             coordinate = nearest + offset @ line[nearest, 2:]

@@ -27,6 +27,7 @@ COMMANDS = {
     "collect": "socialiq.cli.data:Collect",
     "train iq-learn": "socialiq.cli.train.iq_learn:IQLearn",
     "train dial": "socialiq.cli.train.dial:Dial",
+    "train driver": "socialiq.cli.train.driver:Driver",
     "train offline-dial": "socialiq.cli.train.dial:OfflineDial",
     "train improve-dial": "socialiq.cli.train.dial:ImproveDial",
     "train sac": "socialiq.cli.train.actors:SAC",

@@ -22,6 +22,7 @@ from socialiq.evaluation import labels, malice, rollout
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
+from socialiq.policies.drivers import world_for
 from socialiq.policies.load import name_of
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
@@ -139,7 +140,7 @@ class Collect(Printing):
 
     def mix(self) -> Demonstrations:
         """Return the demonstrations that the options describe."""
-        written = grammar.parse(self.world, grammar.set_options(self.set))
+        written = grammar.parse(self._shown, grammar.set_options(self.set))
         driven = self.driver or written.control or is_environment(self.world)
         pools = self.driven(written) if driven else self.experts()
         if self.mixture == "equal_trajectories":
@@ -199,6 +200,11 @@ class Collect(Printing):
         counts = dict.fromkeys(rollout.MODES, longest)
         return rollout.demonstrations_by_mode(self.table(), counts, self.seed)
 
+    @property
+    def _shown(self) -> str:
+        """The world as its drivers observe it."""
+        return world_for(self.world, [spec for _, spec in map(_named, self.driver)])
+
     def driven(self, written: Written) -> dict[str, Demonstrations]:
         """Return episodes of the given drivers in an environment, by the mode's name."""
         if not self.driver:
@@ -211,9 +217,7 @@ class Collect(Printing):
             raise UserError("an environment's observations are its own: leave out --clock")
         modes: dict[str, Any] = {}
         for words in self.driver:
-            match = _NAMED.fullmatch(words) if isinstance(words, str) else None
-            pair: Any = match.groups() if match else words
-            mode, spec = pair if isinstance(pair, tuple) else ("", pair)
+            mode, spec = _named(words)
             text = name_of(spec)
             stem = text.rpartition(":")[2] if text.startswith(_CODE) else Path(text).stem
             mode = mode or one_line(stem)
@@ -235,7 +239,7 @@ class Collect(Printing):
             )
             with driver as loaded:
                 record = loaded.record
-                source = _source(self.world, self.set)
+                source = _source(self._shown, self.set)
                 source |= {"driver": record.source, "sha256": record.sha256}
                 if env is None:
                     batch = world.batch(min(self.episodes, SIDE_BY_SIDE))
@@ -249,6 +253,13 @@ class Collect(Printing):
             episodes = rolled.transitions
             pools[mode] = episodes.with_clock() if self.clock else episodes
         return pools
+
+
+def _named(words: Any) -> tuple[str, Any]:
+    """Return the mode, "" if none is named, and the driver of one --driver."""
+    match = _NAMED.fullmatch(words) if isinstance(words, str) else None
+    pair: Any = match.groups() if match else words
+    return pair if isinstance(pair, tuple) else ("", pair)
 
 
 def _source(world: str, words: Sequence[Sequence[str]]) -> dict[str, Any]:

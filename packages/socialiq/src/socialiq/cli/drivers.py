@@ -1,6 +1,6 @@
 """Drivers of the roads by name or file, and the gridworld of a policy."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -64,12 +64,17 @@ class OnRoads(Demand):
     """Driver of the decisions whose state is unlike training, for a policy of `socialiq
     unlikeness`: gap_3s, wait, a file; with a rate of false alarms gap_3s=0.05, by default 0.01."""
 
-    def written(self, world: str) -> Written:
+    def written(self, world: str, policies: Sequence[Any] = ()) -> Written:
         """Return the world of a text with these options laid over it.
+
+        Args:
+            world: The text.
+            policies: Drivers of the world, which shows what they observe.
 
         Raises:
             UserError: If the world lacks what an option changes, or both give it.
         """
+        world = drivers.world_for(world, policies)
         plain = grammar.parse(world)
         given = {"shift": self.shift, "front_end": self.front_end, **self.options}
         given = {key: value for key, value in given.items() if value}
@@ -167,8 +172,8 @@ def driver_in(
             f"the sensors of {written.name} are not known: leave +{driver.front_end} out"
         )
     settings: dict[str, Any] = {"angle": driver.at(angle) or 0.0, "allow_code": allow_code}
-    settings |= {"clock": clock, "class_angle": driver.class_angle}
-    settings["schema"] = getattr(world, "schema", "")
+    of_classes = drivers.of_classes(world, driver.class_angle)
+    settings |= {"clock": clock, **of_classes, "narrow": ()}
     loaded = load_policy(driver.spec, *sizes(env), action_size=action_size(env), **settings)
     return drivers.finished(driver, loaded, world)
 
@@ -227,7 +232,7 @@ def refuse_misfit(name: str, policy: DialPolicy | ActorDial, world: World) -> No
 
 def dial_of(name: Any) -> Dial[Any] | None:
     """Return a dial, or that of a file, of discrete or continuous actions; else None."""
-    dial = drivers.parse(name).spec
+    dial = drivers.file_of(drivers.parse(name).spec)
     kinds = {kind.KIND: kind for kind in (DialPolicy, ActorDial, ClassDial)}
     if isinstance(dial, str):
         kind = kinds.get(kind_of(Path(dial)))

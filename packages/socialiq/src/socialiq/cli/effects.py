@@ -103,7 +103,7 @@ class EffectsOf(Printing):
     def result(self) -> Result:
         """Drive, write the folder."""
         check_seed(self.seed)
-        written = self.road.written(self.world)
+        written = self.road.written(self.world, self.policy)
         if not (written.is_built or written.in_sumo or names_file(written.name)):
             one_of("world", written.name, (*NAMES, *SUMO_IDS))
         if not self.policy:

@@ -24,7 +24,7 @@ from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
 from socialiq.learners.settings import check_seed
 from socialiq.policies.card import trained_angle
-from socialiq.policies.drivers import parse
+from socialiq.policies.drivers import parse, world_for
 from socialiq.policies.interface import Record
 from socialiq.policies.load import name_of
 from socialiq.social.angle import angle_of, check_angle
@@ -113,7 +113,7 @@ class Evaluate(Printing):
     def result(self) -> Result:
         """Evaluate."""
         check_angle(self.angle or 0.0)
-        written = self.road.written(self.world)
+        written = self.road.written(self.world, self._policies)
         is_grid = written.name in GRIDS
         if self.angle_rule is not None and (self.data or not is_grid or self.episodes):
             raise UserError(
@@ -145,7 +145,7 @@ class Evaluate(Printing):
 
     def measured(self) -> list[tuple[dict[str, Any], float | None]]:
         """Return a row for each policy, and the angle that it was trained for, if known."""
-        written = self.road.written(self.world)
+        written = self.road.written(self.world, self._policies)
         refuse_file(written.name)
         parts.check_processes(self.processes)
         if self.processes and (written.name in GRIDS or written.control):
@@ -192,7 +192,7 @@ class Evaluate(Printing):
                     report = display.stage("episodes")
                     episodes = joined(parts.in_parts(play, blocks, self.processes, report))
             if (dial := drivers.dial_of(name)) is not None:
-                plain = registry.open_world(self.world)
+                plain = registry.open_world(world_for(self.world, self._policies))
                 drivers.complain_if_it_stands(name, dial, drivers.observed(plain, dial))
         # With discrete actions the ego follows its lane.
         row = policy_row(name_of(name), readout, episodes, off_road=world.action_size > 0)

@@ -25,7 +25,7 @@ from socialiq.nn.saved import Saved
 from socialiq.nn.unlikeness import Unlikeness
 from socialiq.outputs import all_or_none, new_folder, refuse_existing
 from socialiq.policies import card, export, load
-from socialiq.policies.drivers import Driver, parse
+from socialiq.policies.drivers import Driver, file_of, parse
 from socialiq.policies.load import name_of
 from socialiq.reading import sha256_of_file
 from socialiq.social.angle_rule import load_rule
@@ -133,12 +133,12 @@ class Export(Printing):
     @property
     def _path(self) -> Path | None:
         """File of the policy; None for an object that a function got."""
-        spec = self._driver.spec
+        spec = file_of(self._driver.spec)
         return Path(spec) if isinstance(spec, str) else None
 
     def read(self) -> tuple[card.Exported, dict[str, Any]]:
         """Return the policy, and further records of its training."""
-        spec: Any = self._driver.spec
+        spec: Any = file_of(self._driver.spec)
         angle = self._driver.angle
         path = self._path
         shipped = spec in atlas.names()
@@ -146,10 +146,15 @@ class Export(Printing):
             names = ", ".join(atlas.names())
             raise UserError(f"no policy '{one_line(spec)}': name a file, or one of {names}")
         kind = "" if shipped else kind_of(path) if path else getattr(spec, "KIND", "")
-        if kind in (DialPolicy.KIND, ActorDial.KIND):
+        if kind in (DialPolicy.KIND, ActorDial.KIND, ClassDial.KIND):
+            of_class = self._driver.class_angle
             if angle is None:
                 raise UserError(f"{name_of(spec)} is a dial: add --angle")
-            return load.read_native(path, None, angle)[0] if path else spec.at(angle), {}
+            if kind == ClassDial.KIND and of_class is None:
+                raise UserError(f"{name_of(spec)} is a dial of two angles: write @{angle:g}/0")
+            if path:
+                return load.read_native(path, None, angle, of_class)[0], {}
+            return (spec if of_class is None else spec.of_class(of_class)).at(angle), {}
         if angle is not None:
             raise UserError(f"{one_line(name_of(spec))} is not a dial: leave --angle out")
         if path is None:
@@ -302,7 +307,9 @@ class Score(Printing):
     def run(self) -> int:
         """Drive, fit, write, test, print."""
         check_seed(self.seed)
-        sensed = OnRoads(shift=self.shift, front_end=self.front_end).written(self.world)
+        sensed = OnRoads(shift=self.shift, front_end=self.front_end).written(
+            self.world, [self.policy]
+        )
         one_of("world", sensed.name, NAMES)
         refuse_existing(self.out)
         if self.episodes < 2:

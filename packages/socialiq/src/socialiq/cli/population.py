@@ -18,7 +18,7 @@ from socialiq.learners.settings import check_seed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
-from socialiq.policies.drivers import parse
+from socialiq.policies.drivers import file_of, parse, world_for
 from socialiq.population import fleet
 from socialiq.population import stakeholders as room
 from socialiq.results_folder import as_csv, versions
@@ -130,7 +130,7 @@ class Population(Printing):
 
     def road(self) -> RoadWorld:
         """Return the road with its agents."""
-        written = grammar.parse(self.world)
+        written = grammar.parse(world_for(self.world, self.policy))
         usual: dict[str, Any] = {"spawn_probability": 0.6, "duration": fleet.DURATION}
         usual = usual if written.name == catalogue.INTERSECTION else {}
         usual |= {"agents": _AGENTS}
@@ -152,7 +152,7 @@ class Population(Printing):
         dials = 0
         for text in self.policy:
             driver = parse(text)
-            dial = dial_of(text) if is_file(driver.spec) and driver.angle is None else None
+            dial = dial_of(text) if is_file(file_of(driver.spec)) and driver.angle is None else None
             if dial is None or driver.front_end:
                 loaded = closing.enter_context(driver_of(text, world, seed=self.seed))
                 if getattr(loaded.policy, "remembers", False):
@@ -167,7 +167,7 @@ class Population(Printing):
             angles = dict.fromkeys(self.angle or usual)
             if len(angles) < 2 and len(self.policy) == 1:
                 raise UserError("--angle: give two or more, for residents and invaders")
-            several = sum(is_file(parse(other).spec) for other in self.policy) > 1
+            several = sum(is_file(file_of(parse(other).spec)) for other in self.policy) > 1
             for angle in angles:
                 drivers[f"{text}@{angle:g}" if several else angle] = dial.at(angle)
         if self.angle and not dials:

@@ -17,6 +17,7 @@ from socialiq.foreign import drawing, one_line
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import all_or_none, new_folder
 from socialiq.plotting.style import png
+from socialiq.policies.drivers import world_for
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
 from socialiq.worlds import catalogue, grammar, pictures, registry
@@ -49,7 +50,7 @@ class Render:
 
     def run(self) -> int:
         """Draw and write."""
-        written = grammar.parse(self.world)
+        written = grammar.parse(world_for(self.world, [self.driver]))
         one_of("world", written.name, catalogue.NAMES)
         on_road = written.name in catalogue.ROADS
         suffixes = (".png", *FILMS) if on_road else (".png",)

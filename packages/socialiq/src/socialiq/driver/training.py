@@ -7,6 +7,7 @@ them by rollouts of every action, and adds them to the ring that the network is 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -15,6 +16,8 @@ import numpy as np
 from socialiq.driver.mixture import world_of_seed
 from socialiq.evaluation import road_training
 from socialiq.learners import policy_iteration
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.kernel import Trained
 from socialiq.learners.policy_iteration import (
     DialIterationConfig,
     IterationHyperparameters,
@@ -30,12 +33,12 @@ STRUCTURE = DialIterationConfig(
     classes=True,
     hidden=(128, 128),
     batch_size=256,
-    updates=10_000,
+    updates=16_000,
     states_per_update=32,
     first_rounds=4,
     replay_capacity=160_000,
 )
-"""Choices that shape the training; the number of updates is that of one hour or so."""
+"""Choices that shape the training; the updates take about an hour of one core."""
 
 NUMBERS = IterationHyperparameters(learning_rate=1e-3, regression=0.4, exploration_fall=1e-6)
 """Numbers of one run."""
@@ -63,7 +66,8 @@ def labeller(structure: DialIterationConfig) -> Labeller:
     def label(follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
         seeds = rng.integers(2**63, size=WORLDS)
         policies = follow, visit
-        labelled = [label_world(structure, world_of_seed(int(s)), states, policies, rng) for s in seeds]
+        worlds = [world_of_seed(int(seed)) for seed in seeds]
+        labelled = [label_world(structure, world, states, policies, rng) for world in worlds]
         chunk = road_training.CHUNK * structure.states_per_update
         return jax.tree.map(lambda *columns: np.concatenate(columns)[:chunk], *labelled)
 
@@ -103,9 +107,24 @@ def label_world(
     return labelled._replace(returns=RewardPair(labelled.returns.env, social))
 
 
-def train(structure: DialIterationConfig, runs: Any, callbacks: Any = None) -> Any:
-    """Train a driver for each entry of `runs`, as `policy_iteration.train`."""
+def train(
+    structure: DialIterationConfig,
+    runs: Sequence[IterationHyperparameters],
+    callbacks: Callbacks | None = None,
+) -> Trained:
+    """Train a driver for each entry of `runs`, as `policy_iteration.train`.
+
+    Args:
+        structure: Choices that shape the training, of all runs.
+        runs: Numbers of each run.
+        callbacks: Progress, monitor, checkpoint.
+
+    Returns:
+        The trained runs.
+
+    Raises:
+        UserError: If there is no run.
+        Stopped: On Ctrl-C.
+    """
     labellers = [labeller(structure)] * len(runs)
-    return policy_iteration.train(
-        structure, runs, labellers, SIZES, callbacks, road_training.CHUNK
-    )
+    return policy_iteration.train(structure, runs, labellers, SIZES, callbacks, road_training.CHUNK)

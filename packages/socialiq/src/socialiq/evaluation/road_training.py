@@ -24,7 +24,7 @@ from socialiq.learners.dial.config import DialConfig, DialHyperparameters
 from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.types import Act, Policy, RewardPair
+from socialiq.types import Act, Policy
 from socialiq.worlds.grammar import road_of
 from socialiq.worlds.gym import learning_env
 from socialiq.worlds.highway.perception import EXITS, KNOWN

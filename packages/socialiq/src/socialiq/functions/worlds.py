@@ -12,6 +12,7 @@ from socialiq.demonstrations import files
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.nn.saved import FORMS, Saved
+from socialiq.policies.drivers import world_for
 from socialiq.policies.interface import Loaded
 from socialiq.reading import path_of
 from socialiq.storage import kind_of, read_json, shipped
@@ -61,7 +62,7 @@ def driver(
     Raises:
         UserError: If there is no such driver, or it doesn't fit the world.
     """
-    written = grammar.parse(grammar.text_of(world))
+    written = grammar.parse(world_for(grammar.text_of(world), [name]))
     how = angle, allow_code, seed
     with as_function():
         if written.is_built:

@@ -1,14 +1,16 @@
 """Grammar of drivers: `DRIVER [@angle[/class angle]] [+front end]`, the same in every command.
 
-A driver is a rule of the world by its name, a policy of the atlas, a file, or code. `@` turns a
-dial, in degrees; `+` puts a front end before it: `gap_3s`, `dial.safetensors@60/30+latency=1`,
-`model.onnx`, `python:mine.py:NAME`. All that follows `process:` is a command line.
+A driver is a rule of the world by its name, `driver`, which ships and drives on every road, a
+policy of the atlas, a file, or code. `@` turns a dial, in degrees; `+` puts a front end before it:
+`gap_3s`, `driver@45`, `dial.safetensors@60/30+latency=1`, `model.onnx`, `python:mine.py:NAME`. All
+that follows `process:` is a command line.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,12 +22,17 @@ from socialiq.policies.load import load_policy, name_of
 from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of
 from socialiq.social.angle import check_angle, check_class_angle
-from socialiq.storage import is_file
+from socialiq.storage import is_file, shipped
+from socialiq.worlds import grammar
+from socialiq.worlds.catalogue import ROADS
 from socialiq.worlds.highway.shifts import OR
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.world import World
 
 ATLAS = "atlas:"
+DRIVER = "driver"
+"""Dial of two angles that ships (`socialiq.driver`)."""
+DRIVER_FILE = "results/driver/driver.safetensors"
 PROCESS = "process:"
 RULE = "rule"  # kind of a rule-based driver, in its record
 
@@ -95,6 +102,31 @@ def parse(text: Any) -> Driver:
     return Driver(spec, angle, class_angle, match["front"] or "")
 
 
+def world_for(world: str, drivers: Iterable[Any]) -> str:
+    """Return the text of a road that shows what its drivers observe.
+
+    The driver that ships observes its route, so `observation=route` is added for it where the text
+    says nothing of the observation.
+
+    Args:
+        world: The world.
+        drivers: Its drivers, as texts or objects.
+
+    Raises:
+        UserError: If that driver is among them and the world is no road.
+    """
+    written = grammar.parse(world)
+    specs = [parse(driver).spec for driver in drivers]
+    if not any(isinstance(spec, str) and spec == DRIVER for spec in specs):
+        return world
+    if not (written.name in ROADS or written.in_sumo):
+        raise UserError(
+            f"{DRIVER} drives on roads and in SUMO, not in {one_line(written.name, 80)}: choose "
+            f"one of {', '.join(ROADS)}"
+        )
+    return world if "observation" in written.options else f"{world},observation=route"
+
+
 def _degrees(text: str, driver: str) -> float:
     try:
         return float(text) if text.isascii() else float("")
@@ -127,6 +159,7 @@ def driver_of(
     if isinstance(name, str):
         if name in world.drivers:
             return finished(driver, rule_of(name, world, seed), world)
+        name = file_of(name)
         name = _spec_of(name, world)
     size = Interface.of(world)
     settings: dict[str, Any] = {"angle": angle or 0.0, "allow_code": allow_code, "clock": True}
@@ -136,13 +169,18 @@ def driver_of(
     return finished(driver, loaded, world)
 
 
+def file_of(name: Any) -> Any:
+    """Return the file of the driver that ships if this is its name, else the name."""
+    return str(shipped(Path(DRIVER_FILE))) if name == DRIVER else name
+
+
 def _spec_of(name: str, world: World) -> str:
     """Return the file or code of a driver that is no rule of a world; refuse an unknown word."""
     if world.shipped:
-        shipped = name.removeprefix(ATLAS)
+        listed = name.removeprefix(ATLAS)
         names = atlas.names(world.shipped)
-        if shipped != name or shipped in names:
-            name = atlas_file(shipped, world)
+        if listed != name or listed in names:
+            name = atlas_file(listed, world)
         elif ":" not in name and not _is_path(name):
             one_of("driver", name, (*world.drivers, *names, "a policy file"))
     elif is_word(name):
@@ -223,7 +261,8 @@ def of_classes(world: Any, class_angle: float | None = None) -> dict[str, Any]:
     classes = getattr(world, "options", world)
     narrow = getattr(world, "narrow", ())
     if class_angle is None:
-        class_angle = getattr(classes, "class_angle", None)
+        alone = None if getattr(world, "walks", True) else 0.0  # vehicles are the one class there
+        class_angle = getattr(classes, "class_angle", alone)
     schema = getattr(world, "schema", "")
     return {"narrow": narrow, "class_angle": class_angle, "schema": schema}
 

@@ -1,0 +1,59 @@
+"""`train driver`: one dial of two angles for every road."""
+
+from dataclasses import KW_ONLY, dataclass, field, replace
+from pathlib import Path
+
+from socialiq.cli.output import Policies
+from socialiq.cli.train import shared
+from socialiq.cli.train.dial import finish_dials
+from socialiq.driver import training
+from socialiq.driver.mixture import world_of_seed
+from socialiq.errors import UserError
+from socialiq.learners.settings import check_seeds
+from socialiq.types import Row
+from socialiq.worlds import grammar
+from socialiq.worlds.highway.observation import ROUTE
+
+UPDATES_OF_AN_HOUR = 16_000
+"""Gradient steps that an hour of one core of 2026 allows, with the labels that they need."""
+
+MOST_HOURS = 1000.0
+
+
+@dataclass(frozen=True)
+class Driver(shared.Training):
+    """Train the driver: one dial of the social angle and the class angle for every road.
+
+    It learns from no demonstrations: states that it visits on drawn roads are labelled by rollouts
+    of every action in copies of the simulator. Roads, traffic, people, faults and fleets are drawn
+    anew for every 200 updates.
+
+    Example: socialiq train driver --hours 2 --out run
+    """
+
+    _: KW_ONLY
+    out: Path
+    """Folder to make: dials, metrics.csv, run.json."""
+    hours: float = 1.0
+    """Hours of one core; they stand for 16,000 updates each, whatever the machine, so a run gives
+    the same dial everywhere."""
+    seed: tuple[int, ...] = (0,)
+    """Training seeds, a dial each."""
+    options: shared.Run = field(default_factory=shared.RunOptions)
+
+    def result(self) -> Policies:
+        """Train and write the folder."""
+        check_seeds(self.seed)
+        if not 0 < self.hours <= MOST_HOURS:
+            raise UserError(f"--hours {self.hours:g}: give more than 0, at most {MOST_HOURS:g}")
+        settings: Row = {"updates": max(round(self.hours * UPDATES_OF_AN_HOUR), 1)}
+        static, numbers = self.options.apply((training.STRUCTURE, training.NUMBERS), settings)
+        if (static.view, static.classes, static.times) != ("set", True, 0):
+            raise UserError(
+                "the driver has both angles and no clock: leave view, classes and times out"
+            )
+        runs = [replace(numbers, seed=seed) for seed in self.seed]
+        folder = shared.RunFolder(self.out, "dial", self.options, schema=ROUTE)
+        with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
+            trained = training.train(static, runs, callbacks)
+        return finish_dials(folder, trained, {}, grammar.build(world_of_seed(0)))

@@ -1,0 +1,66 @@
+"""The driver that ships, by its name in every command."""
+
+import json
+
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.functions import worlds
+
+
+@pytest.mark.parametrize(
+    "world", ["intersection", "merge", "roundabout", "two_way", "road,seed=1000003"]
+)
+def test_it_drives_on_every_road(world, capsys):
+    assert main(["evaluate", "driver@30", "--world", world, "--episodes", "4", "--json"]) == 0
+    assert "r_env" in json.loads(capsys.readouterr().out)
+
+
+def test_both_angles_turn_it_where_people_walk(capsys):
+    world = "intersection,people=.3,exit=straight"
+    outcomes = []
+    for turn in ("0", "90/90", "90/0"):
+        words = ["--world", world, "--episodes", "40", "--json"]
+        assert main(["evaluate", f"driver@{turn}", *words]) == 0
+        outcomes.append(json.loads(capsys.readouterr().out)["r_env"])
+    assert len({*outcomes}) == 3
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["effects", "merge", "--policy", "driver@45", "--policy", "idm", "--episodes", "4"],
+        ["effects", "merge", "--policy", "driver", "--angle", "0", "90", "--episodes", "4"],
+        ["population", "--policy", "driver", "--angle", "0", "90", "--episodes", "2"],
+        ["collect", "roundabout", "--driver", "a=driver@0", "--episodes", "2", "--out", "OUT"],
+        ["render", "merge", "--driver", "driver@0", "--out", "OUT.png"],
+        ["export", "driver@45/0", "--format", "torch", "--out", "OUT"],
+    ],
+    ids=lambda words: " ".join(words[:3]),
+)
+def test_every_command_takes_its_name(words, tmp_path, capsys):
+    out = str(tmp_path / "out")
+    assert main([word.replace("OUT", out) for word in words]) == 0
+    capsys.readouterr()
+
+
+def test_the_function_takes_it_too():
+    with worlds.driver("driver@60", "merge") as loaded:
+        assert loaded.record.interface.schema == "route-1"
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["evaluate", "driver@45", "--world", "crossing7"], "driver drives on roads and in SUMO"),
+        (["evaluate", "driver@45", "--world", "merge,observation=rows"], "add observation=route"),
+        (["export", "driver@45", "--format", "onnx", "--out", "x.onnx"], "write @45/0"),
+        (["export", "driver", "--format", "onnx", "--out", "x.onnx"], "is a dial"),
+    ],
+)
+def test_where_it_can_not_drive_one_line_says_so(words, line, capsys):
+    episodes = ["--episodes", "2"] if words[0] == "evaluate" else []
+    assert main([*words, *episodes]) == 2
+    message = capsys.readouterr().err.strip()
+    assert line in message
+    assert "\n" not in message

@@ -1,0 +1,93 @@
+"""Labels of the driver's training over its mixture."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.driver import training
+from socialiq.learners import policy_iteration
+from socialiq.nn.class_dial import ClassDial
+
+STRUCTURE = dataclasses.replace(training.STRUCTURE, hidden=(8,))
+SMALL = [
+    "--set", "hidden=8", "--set", "updates=2", "--set", "states_per_update=1",
+    "--set", "first_rounds=1", "--set", "replay_capacity=400",
+]  # fmt: skip
+
+
+@pytest.fixture(name="policies", scope="module")
+def policies_of_a_new_network():
+    network = policy_iteration.DialIteration(STRUCTURE, training.SIZES).network(jax.random.key(0))
+    dial = policy_iteration.kind_of_dial(STRUCTURE).of(network, 1.0, 0.0, 90.0, {})
+    follow = policy_iteration.greedy(dial)
+    return follow, follow
+
+
+@pytest.mark.parametrize(
+    ("world", "people"),
+    [
+        ("merge,observation=route,reward=caused", False),
+        ("intersection,observation=route,people=.3,reward=caused", True),
+        ("intersection,observation=route,agents=3", False),
+        ("road,observation=route,seed=2,people=.1,agents=2", False),
+    ],
+)
+def test_labels_have_both_classes_in_every_world(world, people, policies):
+    rng = np.random.default_rng(1)
+    labelled = training.label_world(STRUCTURE, world, 45, policies, rng)
+    n_features, n_actions = training.SIZES
+    assert labelled.observation.shape == (45, n_features + 2)  # both angles at the end
+    assert np.ptp(labelled.observation[:, -2]) > 40.0
+    assert np.ptp(labelled.observation[:, -1]) > 40.0
+    env, (vehicle, vulnerable) = labelled.returns.env, labelled.returns.social
+    assert env.shape == vehicle.shape == vulnerable.shape == (45, n_actions)
+    assert np.any(vehicle)
+    assert np.any(vulnerable) == people
+
+
+def test_a_chunk_has_equal_shares_of_its_worlds(policies, monkeypatch):
+    structure = dataclasses.replace(STRUCTURE, states_per_update=1)
+    drawn = list[str]()
+    label_world = training.label_world
+
+    def noting(structure, text, *arguments):
+        drawn.append(text)
+        return label_world(structure, "merge,observation=route,reward=caused", *arguments)
+
+    monkeypatch.setattr(training, "label_world", noting)
+    labelled = training.labeller(structure)(*policies, np.random.default_rng(3))
+    assert len(labelled.observation) == 200
+    assert len(drawn) == training.WORLDS
+    assert len({*drawn}) > 1
+
+
+def test_one_dial_of_both_angles_is_written_and_drives_anywhere(tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(["train", "driver", "--out", str(out), "--seed", "3", *SMALL]) == 0
+    path = out / "dial_0.safetensors"
+    dial = ClassDial.load(path)
+    assert dial.pairs
+    assert (dial.n_features, dial.n_actions) == training.SIZES
+    assert dial.provenance["observation"] == "route-1"
+    capsys.readouterr()
+    for world in ("merge", "road,seed=5,people=.1"):
+        words = ["--world", f"{world},observation=route", "--episodes", "2"]
+        assert main(["evaluate", f"{path}@30", *words]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--hours", "0"], "--hours 0: give more than 0"),
+        (["--set", "classes=false"], "leave view, classes and times out"),
+        (["--set", "view=flat"], "leave view, classes and times out"),
+    ],
+)
+def test_what_makes_no_driver_is_refused(words, line, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(["train", "driver", "--out", str(out), *words]) == 2
+    assert line in capsys.readouterr().err
+    assert not out.exists()
