@@ -286,7 +286,7 @@ def label_states(
 
     Args:
         structure: Structure of the iteration.
-        batch: Episodes of one vehicle, which are begun anew.
+        batch: Episodes of one vehicle, which begin again.
         states: Number of states.
         clock: Whether observations end with the time, before the angle.
         policies: Policy that copies follow, and policy that visits states.
@@ -413,7 +413,7 @@ def label_fleets(
 
     Args:
         structure: Structure of the iteration.
-        batch: Fleets, which are begun anew.
+        batch: Fleets, which begin again.
         states: Number of states.
         clock: Whether observations end with the time, before the angle.
         policies: Policy that all agents of copies follow, and policy that visits states.

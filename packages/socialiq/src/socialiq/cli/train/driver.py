@@ -25,8 +25,8 @@ class Driver(shared.Training):
     """Train the driver: one dial of the social angle and the class angle for every road.
 
     It learns from no demonstrations: states that it visits on drawn roads are labelled by rollouts
-    of every action in copies of the simulator. Roads, traffic, people, faults and fleets are drawn
-    anew for every 200 updates.
+    of every action in copies of the simulator. Every 200 updates draw new roads, traffic, people,
+    faults and fleets.
 
     Example: socialiq train driver --hours 2 --out run
     """
