@@ -85,6 +85,16 @@ def turns(config: Any, name: str, world: str) -> tuple[str, ...]:
     return tuple(f"@{angle:g}{second}{front_end}" for angle in config.angles)
 
 
+def fitting(config: Any, world: str) -> list[str]:
+    """Return the names of the dials that can drive at an intersection.
+
+    Args:
+        config: Configuration of the study.
+        world: The intersection; the dial `crosswalk` observes the rows of people.
+    """
+    return [name for name in config.dials if name != "crosswalk" or make(world).walks]
+
+
 def _known(world: str) -> str:
     """Return the front end of a driver where sensors have faults."""
     return "+known" if "shift=" in world else ""
@@ -98,7 +108,7 @@ def runs(config: Any) -> Iterator[tuple[str, str, EffectsRun]]:
         front_end = ",front_end=known" if _known(world) else ""
         shown = f"{world}{front_end}{ROUTE}"
         yield situation, DRIVER, EffectsRun(turns(config, DRIVER, world), MEASURES, seeds, shown)
-        for name in config.dials if situation in config.intersections else ():
+        for name in fitting(config, world) if situation in config.intersections else ():
             yield situation, name, EffectsRun(turns(config, name, world), MEASURES, seeds, world)
         known = [rule for rule in config.rules if rule in make(world).drivers]
         rules = tuple(f"{rule}{_known(world)}" for rule in known)
@@ -156,7 +166,7 @@ def jobs(config: Any) -> list[Job]:
         run = EffectsRun(turned, MEASURES, seeds, world + ROUTE)
         listed.append(Job(f"roads/{number}", measure_effects, run, (f"dials/{DRIVER}",), 20.0))
     seeds = seeds_of_blocks((config.first_episode,), config.fleet_episodes)
-    for name in (DRIVER, *config.dials):
+    for name in (DRIVER, *fitting(config, "intersection")):
         world = f"intersection,agents={config.fleet},duration={fleet.DURATION:g}"
         meeting = Meeting(world + ROUTE * (name == DRIVER), config.angles, seeds)
         listed.append(Job(f"fleets/{name}", meet, meeting, (f"dials/{name}",), 60.0))
@@ -180,8 +190,8 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Finished jobs and their work folder.
 
     Returns:
-        Tables `situations`, `means`, `roads` and `fleets`; for each driver the mean share of
-        collisions over the intersections at each angle as summary.
+        Tables `situations`, `roads`, `every_road` and `fleets`; for each driver the mean share of
+        collisions over the intersections at each angle as summary; and the driver.
     """
     situations = list[Row]()
     for situation, name, run in runs(config):
@@ -208,7 +218,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
         "every_road": of_roads,
         "fleets": [
             {"driver": name} | row
-            for name in (DRIVER, *config.dials)
+            for name in (DRIVER, *fitting(config, "intersection"))
             for row in from_csv(context.work / f"fleets/{name}" / FLEETS)
         ],
     }
@@ -217,4 +227,5 @@ def compute_tables(config: Any, context: Context) -> Findings:
         f"collision_{driver}_{angle:g}": float(np.mean([row["collision"] for row in rows]))
         for (driver, angle), rows in groups(at_intersections, "driver", "angle").items()
     }
-    return Findings(tables, summary, {})
+    driver = (context.work / f"dials/{DRIVER}" / DIAL).read_bytes()
+    return Findings(tables, summary, {Path(config.driver).name: driver})
