@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.driver.mixture import FIRST_HELD_OUT, held_out
+from socialiq.driver_training.mixture import FIRST_HELD_OUT, held_out
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.saved import FORMS

@@ -161,11 +161,11 @@ class Road:
         return row | {"verdict": verdict.decision.value}
 
 
-def contaminated(place: Grid | Road, poison: Poison) -> Demonstrations:
+def contaminated(ground: Grid | Road, poison: Poison) -> Demonstrations:
     """Put a share of an attacker's episodes in the place of honest ones, with a case's labels.
 
     Args:
-        place: World of the episodes.
+        ground: World of the episodes.
         poison: Attacker, case, share and seed.
 
     Returns:
@@ -175,11 +175,11 @@ def contaminated(place: Grid | Road, poison: Poison) -> Demonstrations:
     Raises:
         UserError: If no honest episode is left, or "recomputed" labels disagree in more than half.
     """
-    honest = place.honest(poison.seed)
+    honest = ground.honest(poison.seed)
     count = round(poison.share * honest.n_episodes)
     if not count:
         return honest
-    bad = place.attacked(malice.ATTACKERS[ATTACKERS[poison.attacker]], count, poison.seed)
+    bad = ground.attacked(malice.ATTACKERS[ATTACKERS[poison.attacker]], count, poison.seed)
     if poison.case != "honest":
         check = consistency(bad, honest) if poison.attacker == "adaptive" else None
         bad = malice.forged(bad, check)

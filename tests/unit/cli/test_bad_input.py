@@ -388,7 +388,7 @@ DIGITS = "1" * 24
         ),
         (
             ["reproduce", "theory", "--set", "random_worlds=-1", "--out", "OUT"],
-            "must be at least 0",
+            "must be at least 1",
         ),
         (["reproduce", "worlds", "--out", "."], "is no new place"),
     ],

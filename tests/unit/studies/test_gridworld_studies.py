@@ -13,6 +13,7 @@ from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.declared import State
 from socialiq_lab.study import silent
+from socialiq_lab.tables import derived
 from studies.dial import study as dial
 from studies.grid import study as grid
 from studies.lambda_sweep import study as sweep
@@ -197,6 +198,6 @@ def test_dials_are_pooled_over_seeds_and_empty_columns_stay_empty():
         {"run": "offline", "seed": seed, "readout": "soft", "regret": regret, "error": error}
         for seed, regret, error in ((0, 1.0, ""), (1, 3.0, ""))
     ]
-    (row,) = dial._pooled(dials)
+    (row,) = derived({"from": "dials", "spread": ["run", "readout"]}, {"dials": dials}, None)
     assert (row["seeds"], row["regret_mean"], row["regret_low"], row["regret_high"]) == (2, 2, 1, 3)
     assert row["error_mean"] == row["error_high"] == ""

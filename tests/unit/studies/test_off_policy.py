@@ -83,8 +83,7 @@ def test_supported_estimates_are_pooled_apart():
         {"supported": 1, "covers": 0, "value": 4.0, "exact": 1.5, "low": 3.0, "high": 5.0},
         {"supported": 0, "covers": 1, "value": "", "exact": 1.5, "low": "", "high": ""},
     ]
-    label = {"world": "crossing5", "explored": 0.1, "estimator": "fitted Q"}
-    row = _pooled(label, rows)
+    row = _pooled(rows)
     assert row["estimates"] == 3 and row["supported"] == pytest.approx(2 / 3)
     assert (row["covers_supported"], row["error_supported"]) == (0.5, 1.5)
     assert (row["largest_error_supported"], row["width_supported"]) == (2.5, 2.0)

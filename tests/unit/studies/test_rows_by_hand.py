@@ -152,8 +152,6 @@ def test_verdicts_are_counted_by_whether_the_declaration_is_true():
         "false": {"audits": 1, "pass": 0, "fail": 1, "inconclusive": 0},
     }
     assert summary["angle_test"]["false"]["inconclusive"] == 1
-    assert summary["audits"]["intersection"]["expert"].keys() == {"0", "45"}
-    assert summary["audits"]["crossing7"]["dial"]["30"]["verdict"] == "pass"
     # A policy fails if any of its criteria does.
     assert summary["published"]["floor_failing"] == {"of_seeds": 1, "of_episodes": 0}
     assert summary["published"]["policies"] == 2
@@ -296,7 +294,7 @@ def test_every_program_of_continuous_actions_is_driven_and_learners_have_mixture
     assert jobs[continuous.DISCRETE].config.structure.demonstrations is False
     dial = jobs[f"evaluation/{continuous.CONTINUOUS}"].config
     assert dial.angles == (0.0, 90.0) and dial.first_seed == config.first_episode
-    with pytest.raises(UserError, match="at least one training seed"):
+    with pytest.raises(UserError, match="learner_seeds must name at least one"):
         find("intersection-continuous").Config(learner_seeds=())
 
 

@@ -126,5 +126,5 @@ def test_settings_that_make_no_problem_are_refused(table7, setting, line):
 
 def test_a_study_of_nothing_is_refused():
     study = find("theory")
-    with pytest.raises(UserError, match="needs a seed"):
+    with pytest.raises(UserError, match="seeds must name at least one"):
         run(study, study.Config(seeds=()))

@@ -24,14 +24,14 @@ from socialiq.reading import sha256_of
 from socialiq.social.angle import check_angle, check_class_angle
 from socialiq.storage import is_file, shipped
 from socialiq.worlds import grammar
-from socialiq.worlds.catalogue import ROADS
+from socialiq.worlds.catalogue import GRIDS, ROADS
 from socialiq.worlds.highway.shifts import OR
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.world import World
 
 ATLAS = "atlas:"
 DRIVER = "driver"
-"""Dial of two angles that ships (`socialiq.driver`)."""
+"""Dial of two angles that ships (`socialiq.driver_training`)."""
 DRIVER_FILE = "results/driver/driver.safetensors"
 PROCESS = "process:"
 RULE = "rule"  # kind of a rule-based driver, in its record
@@ -113,17 +113,19 @@ def world_for(world: str, drivers: Iterable[Any]) -> str:
         drivers: Its drivers, as texts or objects.
 
     Raises:
-        UserError: If that driver is among them and the world is no road.
+        UserError: If that driver is among them and the world is a gridworld.
     """
     written = grammar.parse(world)
     specs = [parse(driver).spec for driver in drivers]
     if not any(isinstance(spec, str) and spec == DRIVER for spec in specs):
         return world
-    if not (written.name in ROADS or written.in_sumo):
+    if written.name in GRIDS:
         raise UserError(
-            f"{DRIVER} drives on roads and in SUMO, not in {one_line(written.name, 80)}: choose "
-            f"one of {', '.join(ROADS)}"
+            f"{DRIVER} drives on roads and in SUMO, not in {written.name}: choose one of "
+            f"{', '.join(ROADS)}"
         )
+    if not (written.name in ROADS or written.in_sumo):
+        return world  # where a rule may have this name, as at recorded junctions
     return world if "observation" in written.options else f"{world},observation=route"
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from socialiq.cli.output import Policies
 from socialiq.cli.train import shared
 from socialiq.cli.train.dial import finish_dials
-from socialiq.driver import training
-from socialiq.driver.mixture import world_of_seed
+from socialiq.driver_training import training
+from socialiq.driver_training.mixture import world_of_seed
 from socialiq.errors import UserError
 from socialiq.learners.settings import check_seeds
 from socialiq.types import Row
@@ -50,7 +50,7 @@ class Driver(shared.Training):
         static, numbers = self.options.apply((training.STRUCTURE, training.NUMBERS), settings)
         if (static.view, static.classes, static.times) != ("set", True, 0):
             raise UserError(
-                "the driver has both angles and no clock: leave view, classes and times out"
+                "the driver has both angles and no clock: leave out --set view, classes and times"
             )
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         folder = shared.RunFolder(self.out, "dial", self.options, schema=ROUTE)

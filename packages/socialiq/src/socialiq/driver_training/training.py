@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from socialiq.driver.mixture import world_of_seed
+from socialiq.driver_training.mixture import world_of_seed
 from socialiq.evaluation import road_training
 from socialiq.learners import policy_iteration
 from socialiq.learners.callbacks import Callbacks

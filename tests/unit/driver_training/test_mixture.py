@@ -4,7 +4,13 @@ import re
 
 import pytest
 
-from socialiq.driver.mixture import FIRST_HELD_OUT, SCENES, held_out, world_of_seed
+from socialiq.driver_training.mixture import (
+    DURATION,
+    FIRST_HELD_OUT,
+    SCENES,
+    held_out,
+    world_of_seed,
+)
 from socialiq.worlds import grammar
 from socialiq.worlds.highway.generated import Layout
 
@@ -23,6 +29,11 @@ def test_no_road_is_held_out():
     assert not any(held_out(Layout.of_seed(seed)) for seed in seeds)
     # The rule would leave some out: a seed of a roundabout of five arms exists below the first one.
     assert any(held_out(Layout.of_seed(seed)) for seed in range(100))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_durations_are_those_of_the_scenes(scene):
+    assert grammar.build(scene).options.duration == DURATION[scene]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.driver import training
+from socialiq.driver_training import training
 from socialiq.learners import policy_iteration
 from socialiq.nn.class_dial import ClassDial
 
@@ -82,8 +82,8 @@ def test_one_dial_of_both_angles_is_written_and_drives_anywhere(tmp_path, capsys
     ("words", "line"),
     [
         (["--hours", "0"], "--hours 0: give more than 0"),
-        (["--set", "classes=false"], "leave view, classes and times out"),
-        (["--set", "view=flat"], "leave view, classes and times out"),
+        (["--set", "classes=false"], "leave out --set view, classes and times"),
+        (["--set", "view=flat"], "leave out --set view, classes and times"),
     ],
 )
 def test_what_makes_no_driver_is_refused(words, line, tmp_path, capsys):
