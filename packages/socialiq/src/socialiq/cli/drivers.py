@@ -27,6 +27,7 @@ from socialiq.types import ROWS, Policy
 from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, sizes
+from socialiq.worlds.files import names_file
 from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.highway.people import PeopleOptions
@@ -230,9 +231,17 @@ def refuse_misfit(name: str, policy: DialPolicy | ActorDial, world: World) -> No
         )
 
 
-def dial_of(name: Any) -> Dial[Any] | None:
-    """Return a dial, or that of a file, of discrete or continuous actions; else None."""
-    dial = drivers.file_of(drivers.parse(name).spec)
+def dial_of(name: Any, world: str = "") -> Dial[Any] | None:
+    """Return a dial, or that of a file, of discrete or continuous actions; else None.
+
+    Args:
+        name: The driver.
+        world: The world, as text. In that of a file a rule may have the name of the driver that
+            ships.
+    """
+    dial = drivers.parse(name).spec
+    if not (world and names_file(grammar.parse(world).name)):
+        dial = drivers.file_of(dial)
     kinds = {kind.KIND: kind for kind in (DialPolicy, ActorDial, ClassDial)}
     if isinstance(dial, str):
         kind = kinds.get(kind_of(Path(dial)))

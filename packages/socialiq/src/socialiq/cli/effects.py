@@ -220,7 +220,7 @@ class EffectsOf(Printing):
     def drivers(self) -> Iterator[tuple[str, float | None]]:
         """Yield name and angle of every driver; a dial is one at each angle."""
         for name in self.policy:
-            dial = dial_of(name)
+            dial = dial_of(name, self.world)
             if dial is None:
                 yield name, None
                 continue

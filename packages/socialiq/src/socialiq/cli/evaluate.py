@@ -191,7 +191,7 @@ class Evaluate(Printing):
                 with Display() as display:
                     report = display.stage("episodes")
                     episodes = joined(parts.in_parts(play, blocks, self.processes, report))
-            if (dial := drivers.dial_of(name)) is not None:
+            if (dial := drivers.dial_of(name, self.world)) is not None:
                 plain = registry.open_world(world_for(self.world, self._policies))
                 drivers.complain_if_it_stands(name, dial, drivers.observed(plain, dial))
         # With discrete actions the ego follows its lane.
@@ -212,7 +212,7 @@ class Evaluate(Printing):
             with drivers.driver_of(name, plain, self.angle, self.allow_code) as loaded:
                 table = drivers.gridworld_of(self.world, loaded.record.interface)
                 states = table.reachable_part()
-                if (dial := drivers.dial_of(name)) is not None:
+                if (dial := drivers.dial_of(name, self.world)) is not None:
                     drivers.complain_if_it_stands(name, dial, states.observations())
                 driven = table if self.episodes else states
                 read = functools.partial(drivers.driver_of, world=table.world)
@@ -260,7 +260,7 @@ class Evaluate(Printing):
         rollouts = [rollout for rollout, *_ in played]
         table = concatenate([rollout.transitions for rollout in rollouts])
         table = replace(table, source=rollouts[0].transitions.source)
-        if (dial := drivers.dial_of(policy)) is not None:
+        if (dial := drivers.dial_of(policy, self.world)) is not None:
             drivers.complain_if_it_stands(policy, dial, table.observation)
         speed = np.concatenate([rollout.speed for rollout in rollouts])
         counted = Counter[str]()
