@@ -7,12 +7,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# XLA's older emitter of fused loops compiles in a third of the time; without AVX-512, which not
-# every processor has, sums have one order on more of them. Read when XLA starts, so both must be
-# set before; processes that tests start inherit them.
+# XLA's older emitter of fused loops compiles in a third of the time. Without AVX-512, YNNPACK and
+# oneDNN, which choose their instructions by the processor, sums have one order on all of them. Read
+# when XLA starts, so all must be set before; processes that tests start inherit them.
 os.environ["XLA_FLAGS"] = (
-    f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false --xla_cpu_max_isa=AVX2"
+    f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false --xla_cpu_max_isa=AVX"
+    " --xla_cpu_experimental_ynn_fusion_type="
 )
+os.environ["TENSORFLOW_USE_CUSTOM_CONTRACTION_KERNEL"] = "false"
 # XLA's number of threads, and with it the order of its sums: the same with one core and with many.
 os.environ["NPROC"] = "1"
 # NumPy computes alike on every processor. Read when NumPy is imported, which plugins of pytest do:

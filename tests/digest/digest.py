@@ -24,9 +24,9 @@ import numpy as np
 TOLERANCE = 1e-5
 """Largest difference of two sums of a sketch.
 
-A sum moves by about the root mean square of the floats' relative changes. With
-`--xla_cpu_max_isa=AVX`, which fuses no multiplication and addition, and without this flag, the sums
-of the items `learner/iq_learn/online` and `offline` move by at most 3e-8.
+A sum moves by about the root mean square of the floats' relative changes. When XLA fuses
+multiplications and additions (`--xla_cpu_max_isa=AVX2`), the sums of the items
+`learner/iq_learn/online` and `offline` move by at most 3e-8.
 """
 
 SCALE = 1e-3

@@ -8,6 +8,7 @@ them by rollouts of every action, and adds them to the ring that the network is 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -24,6 +25,7 @@ from socialiq.learners.policy_iteration import (
     Labelled,
     Labeller,
 )
+from socialiq.nn.class_dial import ClassDial
 from socialiq.types import Act, ByClass, RewardPair
 from socialiq.worlds import grammar
 from socialiq.worlds.highway.observation import N_FEATURES
@@ -42,6 +44,9 @@ STRUCTURE = DialIterationConfig(
 
 NUMBERS = IterationHyperparameters(learning_rate=1e-3, regression=0.4, exploration_fall=1e-6)
 """Numbers of one run."""
+
+SECOND_STAGE = replace(NUMBERS, learning_rate=5e-4, regression=0.0, exploration=0.05)
+"""Numbers of a run that begins with a trained driver: its values rule out no action any more."""
 
 N_ACTIONS = 5  # slower, idle, faster, lane left, lane right
 SIZES = N_FEATURES, N_ACTIONS
@@ -111,6 +116,7 @@ def train(
     structure: DialIterationConfig,
     runs: Sequence[IterationHyperparameters],
     callbacks: Callbacks | None = None,
+    start: ClassDial | None = None,
 ) -> Trained:
     """Train a driver for each entry of `runs`, as `policy_iteration.train`.
 
@@ -118,13 +124,15 @@ def train(
         structure: Choices that shape the training, of all runs.
         runs: Numbers of each run.
         callbacks: Progress, monitor, checkpoint.
+        start: Driver that every run begins with, for a second stage; None: a new network.
 
     Returns:
         The trained runs.
 
     Raises:
-        UserError: If there is no run.
+        UserError: If there is no run, or `start` has another network.
         Stopped: On Ctrl-C.
     """
     labellers = [labeller(structure)] * len(runs)
-    return policy_iteration.train(structure, runs, labellers, SIZES, callbacks, road_training.CHUNK)
+    chunk = road_training.CHUNK
+    return policy_iteration.train(structure, runs, labellers, SIZES, callbacks, chunk, start)

@@ -431,7 +431,7 @@ def train(
     sizes: tuple[int, int],
     callbacks: Callbacks | None = None,
     chunk: int = 200,
-    start: DialPolicy | None = None,
+    start: DialPolicy | ClassDial | None = None,
 ) -> Trained:
     """Train one dial for each entry of `hyperparameters`, as `learners.iq_learn.train.train`.
 

@@ -59,6 +59,13 @@ class ClassDial(Saved):
         """
         return ClassDial(QPolicy.of(network, temperature, provenance), low, high, network.pairs)
 
+    def network(self) -> DialNetwork:
+        """Return the network, which can be trained: the inverse of `of`, without settings."""
+        from socialiq.nn.dial_network import DialNetwork  # learning needs JAX, acting does not
+
+        turned = self.turned.network()
+        return DialNetwork(turned.layers, turned.activation, turned.view, self.pairs)
+
     def of_class(self, class_angle: float) -> DialPolicy:
         """Return the dial of one class angle b in degrees, an ordinary dial of the social angle.
 

@@ -10,6 +10,7 @@ from socialiq.driver_training import training
 from socialiq.driver_training.mixture import world_of_seed
 from socialiq.errors import UserError
 from socialiq.learners.settings import check_seeds
+from socialiq.nn.class_dial import ClassDial
 from socialiq.types import Row
 from socialiq.worlds import grammar
 from socialiq.worlds.highway.observation import ROUTE
@@ -37,6 +38,9 @@ class Driver(shared.Training):
     hours: float = 1.0
     """Hours of one core; they stand for 16,000 updates each, whatever the machine, so a run gives
     the same dial everywhere."""
+    start: Path | None = None
+    """File of a driver that every run begins with: a second stage, with lower rates and without
+    the regression at the beginning."""
     seed: tuple[int, ...] = (0,)
     """Training seeds, a dial each."""
     options: shared.Run = field(default_factory=shared.RunOptions)
@@ -47,7 +51,9 @@ class Driver(shared.Training):
         if not 0 < self.hours <= MOST_HOURS:
             raise UserError(f"--hours {self.hours:g}: give more than 0, at most {MOST_HOURS:g}")
         settings: Row = {"updates": max(round(self.hours * UPDATES_OF_AN_HOUR), 1)}
-        static, numbers = self.options.apply((training.STRUCTURE, training.NUMBERS), settings)
+        first = None if self.start is None else ClassDial.load(self.start)
+        numbers = training.NUMBERS if first is None else training.SECOND_STAGE
+        static, numbers = self.options.apply((training.STRUCTURE, numbers), settings)
         if (static.view, static.classes, static.times) != ("set", True, 0):
             raise UserError(
                 "the driver has both angles and no clock: leave out --set view, classes and times"
@@ -55,5 +61,5 @@ class Driver(shared.Training):
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         folder = shared.RunFolder(self.out, "dial", self.options, schema=ROUTE)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
-            trained = training.train(static, runs, callbacks)
+            trained = training.train(static, runs, callbacks, first)
         return finish_dials(folder, trained, {}, grammar.build(world_of_seed(0)))
