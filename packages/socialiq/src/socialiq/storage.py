@@ -192,19 +192,25 @@ def is_file(path: str | Path) -> bool:
         return False
 
 
-def kind_of(path: Path) -> str:
-    """Return the kind in the header of a file of `save_arrays`; "" if there is none.
+def header_of(path: Path) -> dict[str, Any]:
+    """Return the header of a file of `save_arrays`; empty if there is none.
 
     The file is not checked; `load_arrays` does that and reports errors.
     """
     if not is_file(path):  # reading a pipe would block
-        return ""
+        return {}
     try:
         with safetensors.safe_open(shipped(path), framework="numpy") as file:
             wrapper = json.loads((file.metadata() or {}).get(_HEADER, "null"))
-        kind = wrapper["header"]["kind"]
+        header = wrapper["header"]
     except (*_UNREADABLE, KeyError, TypeError):
-        return ""
+        return {}
+    return header if isinstance(header, dict) else {}
+
+
+def kind_of(path: Path) -> str:
+    """Return the kind in the header of a file, as `header_of`; "" if there is none."""
+    kind = header_of(path).get("kind")
     return kind if isinstance(kind, str) else ""
 
 

@@ -23,6 +23,7 @@ from socialiq.audit.request import Request, command_of, resolve_policy
 from socialiq.audit.seeds import Commitment, Draw, episode_seeds
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Report
+from socialiq.policies.drivers import showing
 from socialiq.reading import sha256_of
 from socialiq.types import Json
 
@@ -170,7 +171,8 @@ def _audited(
 
     evidence = list(map(driven, collections))
     episodes = replay.selected(evidence[0], declared.profile.angle)
-    films = replay.films_of(world, loaded.policy, episodes) if request.films else {}
+    seen = showing(world, loaded.record.interface.schema)
+    films = replay.films_of(seen, loaded.policy, episodes) if request.films else {}
     return Audited(
         profile=declared.profile,
         policy=loaded.record.as_json(),
@@ -185,7 +187,7 @@ def _audited(
         traffic=traffic,
         episodes=episodes,
         films=films,
-        traces=replay.traces_of(world, loaded.policy, episodes, not request.soft),
+        traces=replay.traces_of(seen, loaded.policy, episodes, not request.soft),
         command=command_of(request, draw.seed),
         started=started,
     )

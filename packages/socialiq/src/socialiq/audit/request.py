@@ -24,10 +24,13 @@ from socialiq.policies.drivers import (
     ATLAS,
     RULE,
     atlas_file,
+    file_of,
     finished,
     of_classes,
     parse,
     rule_of,
+    schema_of,
+    showing,
 )
 from socialiq.policies.interface import Interface, Loaded
 from socialiq.policies.load import KINDS, load_policy
@@ -151,6 +154,7 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
     spec = driver.spec
     if spec in world.drivers:
         return finished(driver, rule_of(spec, world), world)
+    spec = file_of(spec)
     file = spec
     name = spec.removeprefix(ATLAS)
     if name != spec:
@@ -164,7 +168,8 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
             choices.append(f"a rule-based driver ({', '.join(world.drivers)})")
         raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(choices)}")
     turned = angle if driver.angle is None else driver.angle
-    loaded = finished(driver, _file(file, world, turned, trust, driver.class_angle), world)
+    loaded = _file(file, world, turned, trust, driver.class_angle)
+    loaded = finished(driver, loaded, showing(world, loaded.record.interface.schema))
     record = loaded.record if file == text else dataclasses.replace(loaded.record, source=text)
     return dataclasses.replace(loaded, record=record)
 
@@ -308,7 +313,8 @@ def _turned(path: Path, prefix: str, angles: Sequence[float], world: World) -> l
 
 def _recorded(name: str, loaded: Loaded, angle: float | None = None) -> Recorded:
     """Return a loaded policy as a reference of this name, with its record."""
-    return Reference(name, loaded.policy, angle), loaded.record.as_json()
+    schema = loaded.record.interface.schema
+    return Reference(name, loaded.policy, angle, schema), loaded.record.as_json()
 
 
 def _named(
@@ -336,6 +342,7 @@ def _file(
     spec: str, world: World, angle: float, trust: Trust, class_angle: float | None = None
 ) -> Loaded:
     """Load a policy's file; where the world `shows_time`, its input may have the time too."""
+    world = showing(world, schema_of(spec))
     interface = Interface.of(world)
     code = is_code(spec)
     return load_policy(

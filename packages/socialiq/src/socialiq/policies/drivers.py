@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +22,8 @@ from socialiq.policies.load import load_policy, name_of
 from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of
 from socialiq.social.angle import check_angle, check_class_angle
-from socialiq.storage import is_file, shipped
+from socialiq.storage import header_of, is_file, shipped
+from socialiq.types import OBSERVATION
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, ROADS
 from socialiq.worlds.highway.shifts import OR
@@ -100,6 +101,40 @@ def parse(text: Any) -> Driver:
     if class_angle is not None:
         check_class_angle(class_angle)
     return Driver(spec, angle, class_angle, match["front"] or "")
+
+
+def schema_of(spec: Any) -> str:
+    """Return the schema of the observations that a file or an object of this package names.
+
+    Args:
+        spec: Name of a driver, a file, or a policy.
+
+    Returns:
+        As `World.schema`; "" where it names none.
+    """
+    provenance = getattr(spec, "provenance", None)
+    if isinstance(spec, str | Path):
+        provenance = header_of(Path(file_of(spec))).get("provenance")
+    return str(provenance.get(OBSERVATION, "")) if isinstance(provenance, Mapping) else ""
+
+
+def showing(world: World, schema: str) -> World:
+    """Return a world as a policy of a schema observes it.
+
+    Args:
+        world: The world.
+        schema: Schema of the policy, as `World.schema`; "" for the world's own.
+
+    Raises:
+        UserError: If the policy observes a route and the world has none.
+    """
+    if schema in ("", world.schema):
+        return world
+    name = schema.rpartition("-")[0]
+    try:
+        return world.showing(name)
+    except UserError as error:
+        raise UserError(f"the policy observes its {name}, and {error}") from None
 
 
 def world_for(world: str, drivers: Iterable[Any]) -> str:

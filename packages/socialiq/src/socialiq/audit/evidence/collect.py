@@ -137,6 +137,7 @@ class Collection:
             side_by_side=side_by_side,
             by_rule=self.by_rule,
             measured=self.profile.effects,
+            schema=self.loaded.record.interface.schema,
         )
         if isinstance(policy, Recorder):
             evidence = replace(evidence, consistency=policy.check())
@@ -210,6 +211,7 @@ def collect_evidence(
     side_by_side: int | None = None,
     by_rule: drive.ByRule | None = None,
     measured: Sequence[str] = (),
+    schema: str = "",
 ) -> Evidence:
     """Run the policy, its references and trivial drivers on the same episodes.
 
@@ -227,6 +229,7 @@ def collect_evidence(
         side_by_side: Number of episodes at once, as for `Course`.
         by_rule: A declared rule of the angle: decision losses are measured too.
         measured: Effects that have bounds.
+        schema: Schema of what the policy observes, as `World.schema`; "" for the world's.
 
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.
@@ -235,7 +238,7 @@ def collect_evidence(
         for seed in seeds[:REPEATED]:
             world.check_repeats(int(seed))
     course = drive.Course(world, seeds, side_by_side, threads, by_rule, measured)
-    driver = Reference("policy", policy)
+    driver = Reference("policy", policy, schema=schema)
     driven = list[Outcomes]()
     for block in course.blocks(BLOCK) if isinstance(policy, Recorder) else [course]:
         with policy.new_process() if isinstance(policy, Recorder) else contextlib.nullcontext():

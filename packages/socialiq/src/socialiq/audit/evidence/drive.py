@@ -24,6 +24,7 @@ from socialiq.evaluation.exact import optima_of
 from socialiq.evaluation.measures import DECISION, Episodes, Quantity, columns_of
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.policies.drivers import showing
 from socialiq.policies.interface import Interface
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, Memoryless, RewardPair
@@ -110,6 +111,14 @@ class Course:
             block.batch.reset(np.arange(block.batch.size))  # a policy meets rows without an episode
             yield block
 
+    def _showing(self, schema: str) -> Course:
+        """Return the same episodes with observations of a schema, as `World.schema`."""
+        course = copy.copy(self)
+        course.world = showing(self.world, schema)
+        course.batch = course.world.batch(self.size, self._threads)
+        course._begun = {}
+        return course
+
     def drive(
         self, driver: Reference, deterministic: bool = True, candidates: tuple[float, ...] = ()
     ) -> Outcomes:
@@ -130,6 +139,8 @@ class Course:
             UserError: If its answers are not one of the world's actions for each episode, an
                 environment fails, or an episode doesn't end.
         """
+        if driver.schema not in ("", self.world.schema):
+            return self._showing(driver.schema).drive(driver, deterministic, candidates)
         rule = self.by_rule
         world = self.world
         if rule is None or rule.dial is None:

@@ -34,6 +34,7 @@ class Reference:
     name: str
     policy: Policy
     angle: float | None = None
+    schema: str = ""  # of its observations, as `World.schema`; "" for that of the world
 
     @property
     def angles(self) -> tuple[float, ...]:

@@ -158,7 +158,8 @@ def _shipped_policy(
     record = audited.policy
     source = audited.policy["source"]
     rule = record["kind"] == drivers.RULE
-    if audited.profile.rule or not (rule or source.startswith(drivers.ATLAS)):
+    shipped = source.startswith(drivers.ATLAS) or drivers.parse(source).spec == drivers.DRIVER
+    if audited.profile.rule or not (rule or shipped):
         results.believed.append(_POLICY)
         return None
     try:
@@ -170,7 +171,8 @@ def _shipped_policy(
     if loaded is None or not _agree(record, loaded.record.as_json(), package):
         results.faults.append(f"the record of the policy is not that of {one_line(source)}")
         return None
-    return Reference(audited.evidence[0].policy.name, loaded.policy)
+    name = audited.evidence[0].policy.name
+    return Reference(name, loaded.policy, schema=loaded.record.interface.schema)
 
 
 def _compare(

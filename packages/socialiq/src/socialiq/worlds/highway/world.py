@@ -232,6 +232,26 @@ class SceneWorld(RoadWorld):
         walks = self.options.definition if isinstance(self.options, PeopleOptions) else {}
         return super().reward | walks
 
+    def showing(self, schema: str) -> SceneWorld:
+        """Return the same world with observations of a schema, `rows` or `route`.
+
+        Args:
+            schema: Name of the schema.
+
+        Raises:
+            UserError: If the world shows routes and rows are asked for, whose scales it has not.
+        """
+        if schema == self.schema.rpartition("-")[0]:
+            return self
+        if schema == "rows":
+            raise UserError(f"leave observation=route out of the world {self.name}")
+        options = changed_options(self.options, {"observation": schema})
+        world = dataclasses.replace(self, options=options)
+        if self.front_end is None:
+            return world
+        ego = dataclasses.replace(world.ego, decisions=self.front_end.ego.decisions)
+        return dataclasses.replace(world, front_end=dataclasses.replace(self.front_end, ego=ego))
+
     def with_parts(self: Road) -> Road:
         """Return the same world with r_social by class in its rewards, for all class angles.
 
