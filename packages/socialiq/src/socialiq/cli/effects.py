@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
@@ -39,7 +40,8 @@ from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
-from socialiq.policies.drivers import parse
+from socialiq.policies.drivers import parse, schema_of, showing
+from socialiq.policies.interface import Loaded
 from socialiq.policies.load import name_of
 from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
@@ -138,27 +140,30 @@ class EffectsOf(Printing):
     def driven(self, written: Written, episodes: list[Row]) -> tuple[list[Row], Row]:
         """Return a row for each driver on a road, and what was chosen; append episodes."""
         options = self.measured()
-        world: Any = with_one_ego(written)
         # A file that rewards effects has its own options of the measure.
         given = {name: option for name, option in options.items() if option != _USUAL[name]}
-        world = measuring(world, **given)
+        world: Any = measuring(with_one_ego(written), **given)
         options = {name: getattr(world.effects, name) for name in options}
         seeds = np.arange(self.seed, self.seed + self.episodes)
         rows = []
-        begun: Begun = {}
+        begun = defaultdict[str, Begun](dict)  # by schema of observations
         with contextlib.ExitStack() as closing:
             # What can't work is refused before the first driver drives.
             world.batch(1)
             if self.out:
                 drawing()
-            opened = [
-                (name, angle, closing.enter_context(driver_of(name, world, angle, self.allow_code)))
-                for name, angle in self.drivers()
-            ]
-            read = functools.partial(driver_of, world=world)
-            for name, angle, loaded in opened:
+            opened = list[tuple[str, float | None, Any, Loaded]]()
+            for name, angle in self.drivers():
+                # Each driver is shown what it observes.
+                shown: Any = with_one_ego(self.road.written(self.world, [name]))
+                shown = measuring(shown, **given)
+                loaded = closing.enter_context(driver_of(name, shown, angle, self.allow_code))
+                opened.append((name, angle, shown, loaded))
+            for name, angle, shown, loaded in opened:
+                read = functools.partial(driver_of, world=shown)
                 driver = with_fallback(self.road.fallback, name, loaded, read)
-                effects = measure(world, driver, seeds, begun, shield=self.road.shield)
+                known = begun[shown.schema]
+                effects = measure(shown, driver, seeds, known, shield=self.road.shield)
                 row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
                 row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
                 rows.append(row | summary(effects))
@@ -179,14 +184,15 @@ class EffectsOf(Printing):
         if written.options.get("observation") != "route":
             say(UNSEEN)
         seeds = np.arange(self.seed, self.seed + self.episodes)
-        layout = make(INTERSECTION)
-        read = functools.partial(driver_of, world=layout)
         for name, angle in self.drivers():
+            shown = self.road.written(self.world, [name])
+            layout = showing(make(INTERSECTION), schema_of(parse(name).spec))
+            read = functools.partial(driver_of, world=layout)
             with driver_of(name, layout, angle, self.allow_code) as loaded:
                 driver = with_fallback(self.road.fallback, name, loaded, read)
                 length = getattr(driver, "n_features", None) or loaded.record.interface.n_features
                 clock = length > layout.n_features
-                env = make_environment(written.name, {"clock": clock, **options, **written.options})
+                env = make_environment(written.name, {"clock": clock, **options, **shown.options})
                 sums = sums_in(env, shielded(driver, env.unwrapped, self.road.shield), seeds)
             row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
             row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}

@@ -152,12 +152,12 @@ class Evaluate(Printing):
             raise UserError(f"episodes of {self.world} are not split: leave out --processes")
         if written.name in GRIDS:
             measure = self.gridworld()
-        elif self.episodes < 1:
+            return [measure(name) for name in self._policies]
+        if self.episodes < 1:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
-        else:
-            on_road = self.intersection if written.name == INTERSECTION else self.environment
-            measure = functools.partial(on_road, written)
-        return [measure(name) for name in self._policies]
+        on_road = self.intersection if written.name == INTERSECTION else self.environment
+        # Each policy is shown what it observes.
+        return [on_road(self.road.written(self.world, [name]), name) for name in self._policies]
 
     @property
     def _policies(self) -> list[Any]:
@@ -192,7 +192,7 @@ class Evaluate(Printing):
                     report = display.stage("episodes")
                     episodes = joined(parts.in_parts(play, blocks, self.processes, report))
             if (dial := drivers.dial_of(name, self.world)) is not None:
-                plain = registry.open_world(world_for(self.world, self._policies))
+                plain = registry.open_world(world_for(self.world, [name]))
                 drivers.complain_if_it_stands(name, dial, drivers.observed(plain, dial))
         # With discrete actions the ego follows its lane.
         row = policy_row(name_of(name), readout, episodes, off_road=world.action_size > 0)

@@ -26,6 +26,7 @@ from socialiq.storage import header_of, is_file, shipped
 from socialiq.types import OBSERVATION
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, ROADS
+from socialiq.worlds.highway.observation import ROUTE
 from socialiq.worlds.highway.shifts import OR
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.world import World
@@ -140,24 +141,25 @@ def showing(world: World, schema: str) -> World:
 def world_for(world: str, drivers: Iterable[Any]) -> str:
     """Return the text of a road that shows what its drivers observe.
 
-    The driver that ships observes its route, so `observation=route` is added for it where the text
-    says nothing of the observation.
+    The driver that ships observes its route, and so may a file. `observation=route` is added for
+    them where the text says nothing of the observation.
 
     Args:
         world: The world.
         drivers: Its drivers, as texts or objects.
 
     Raises:
-        UserError: If that driver is among them and the world is a gridworld.
+        UserError: If one of them observes its route and the world is a gridworld.
     """
     written = grammar.parse(world)
     specs = [parse(driver).spec for driver in drivers]
-    if not any(isinstance(spec, str) and spec == DRIVER for spec in specs):
+    along = [spec for spec in specs if schema_of(spec) == ROUTE]
+    if not along:
         return world
     if written.name in GRIDS:
         raise UserError(
-            f"{DRIVER} drives on roads and in SUMO, not in {written.name}: choose one of "
-            f"{', '.join(ROADS)}"
+            f"{one_line(name_of(along[0]))} drives on roads and in SUMO, not in {written.name}: "
+            f"choose one of {', '.join(ROADS)}"
         )
     if not (written.name in ROADS or written.in_sumo):
         return world  # where a rule may have this name, as at recorded junctions
