@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.driver_training.mixture import FIRST_HELD_OUT, held_out
+from socialiq.driver_training.mixture import FIRST_HELD_OUT, held_out, world_of_seed
+from socialiq.evaluation.simulate import observations_of
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.saved import FORMS
+from socialiq.nn.unlikeness import Unlikeness
 from socialiq.population import fleet
 from socialiq.results_folder import as_csv, from_csv
 from socialiq.social.angle import exact_weights, score
@@ -68,6 +71,9 @@ KINDS = {
 }
 """Generated roads by kind: only the seeds of the first kind are of training."""
 FLEETS = "fleets.csv"
+ALARMS = "alarms.csv"
+FIRST_WORLD = 2**62
+"""First seed of the mixture's worlds to which the score of unlikeness is fitted."""
 
 
 def turns(config: Any, name: str, world: str) -> tuple[str, ...]:
@@ -154,8 +160,59 @@ def meet(config: Meeting, folder: Path, inputs: Inputs, _on_progress: ProgressCa
     write_atomically(folder / FLEETS, as_csv(rows))
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """Worlds of training that the score of unlikeness is fitted to, and those that it is asked in.
+
+    One half of the worlds of training fits mean and covariance, the other one the threshold.
+    """
+
+    angle: float
+    training: tuple[str, ...]
+    asked: tuple[str, ...]
+    seeds: tuple[int, ...]
+
+
+def doubt(config: Doubt, folder: Path, inputs: Inputs, _on_progress: ProgressCallback) -> None:
+    """Write the share of decisions that are unlike training for each world.
+
+    Args:
+        config: Worlds, and seeds of their episodes.
+        folder: Folder of the job, to which the rows are written.
+        inputs: Folder of the job with the dial.
+    """
+    (trained,) = inputs.values()
+    policy = ClassDial.load(trained / DIAL).of_class(0.0).at(config.angle)
+    half = len(config.training) // 2
+    of_training = [_features(policy, world, config.seeds) for world in config.training]
+    fitted, held = (np.concatenate(part) for part in (of_training[:half], of_training[half:]))
+    score_of = Unlikeness.fit(fitted, held)
+    rows = []
+    for world in config.asked:
+        distances = score_of(_features(policy, world, config.seeds))
+        rows.append({"world": world, "alarms": float((distances > 1.0).mean())})
+    write_atomically(folder / ALARMS, as_csv(rows))
+
+
+def _features(policy: QPolicy, world: str, seeds: tuple[int, ...]) -> np.ndarray:
+    """Return what the last hidden layer makes of each decision in a world."""
+    batch = make(world).batch(len(seeds))
+    return policy.features(observations_of(batch, policy, seeds))
+
+
+def doubted(config: Any) -> Doubt:
+    """Return the worlds of the score: situations without people, and roads of each kind."""
+    worlds = map(world_of_seed, range(FIRST_WORLD, FIRST_WORLD + 100 * config.training_worlds))
+    training = [world for world in worlds if "agents" not in world][: config.training_worlds]
+    situations = [SITUATIONS[name] for name in (*config.intersections, *config.others)]
+    asked = [world for world in situations if not (make(world).walks or _known(world))]
+    asked += [world for _, world in roads(config)]
+    seeds = seeds_of_blocks((config.first_episode,), config.doubt_episodes)
+    return Doubt(45.0, tuple(training), tuple(world + ROUTE for world in asked), seeds)
+
+
 def jobs(config: Any) -> list[Job]:
-    """Return the jobs: dials, situations, generated roads, fleets."""
+    """Return the jobs: dials, situations, generated roads, fleets, unlikeness."""
     listed = shipped_dials({DRIVER: config.driver} | {name: DIALS[name] for name in config.dials})
     for situation, name, run in runs(config):
         inputs = () if name == "rules" else (f"dials/{name}",)
@@ -170,6 +227,7 @@ def jobs(config: Any) -> list[Job]:
         world = f"intersection,agents={config.fleet},duration={fleet.DURATION:g}"
         meeting = Meeting(world + ROUTE * (name == DRIVER), config.angles, seeds)
         listed.append(Job(f"fleets/{name}", meet, meeting, (f"dials/{name}",), 60.0))
+    listed.append(Job("doubt", doubt, doubted(config), (f"dials/{DRIVER}",), 120.0))
     return listed
 
 
@@ -190,8 +248,8 @@ def compute_tables(config: Any, context: Context) -> Findings:
         context: Finished jobs and their work folder.
 
     Returns:
-        Tables `situations`, `roads`, `every_road` and `fleets`; for each driver the mean share of
-        collisions over the intersections at each angle as summary; and the driver.
+        Tables `situations`, `roads`, `every_road`, `fleets` and `unlikeness`; for each driver the
+        mean share of collisions over the intersections at each angle as summary; and the driver.
     """
     situations = list[Row]()
     for situation, name, run in runs(config):
@@ -221,6 +279,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
             for name in (DRIVER, *fitting(config, "intersection"))
             for row in from_csv(context.work / f"fleets/{name}" / FLEETS)
         ],
+        "unlikeness": from_csv(context.work / "doubt" / ALARMS),
     }
     at_intersections = [row for row in situations if row["situation"] in config.intersections]
     summary: dict[str, Any] = {

@@ -17,9 +17,10 @@ def set_environment() -> None:
     JAX and NumPy read these variables when they are imported, so this package must be imported
     before them. Both then do without AVX-512, and JAX without YNNPACK and oneDNN, which multiply
     matrices by other instructions on other processors. With these settings a training of
-    `nn.regression` gave the same bits on a Sapphire Rapids and in an emulated EPYC-Rome (QEMU); with
-    the instruction set alone, or without YNNPACK alone, it did not. NPROC is XLA's number of threads, on which the order of its
-    sums depends. Under pytest `tests/conftest.py` and its fixtures set the same.
+    `nn.regression` gave the same bits on a Sapphire Rapids and in an emulated EPYC-Rome (QEMU);
+    with the instruction set alone, or without YNNPACK alone, it did not. NPROC is XLA's number of
+    threads, on which the order of its sums depends. Under pytest `tests/conftest.py` and its
+    fixtures set the same.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if FLAGS not in flags:

@@ -1,6 +1,7 @@
 """The driver that ships, by its name in every command."""
 
 import json
+import shutil
 
 import pytest
 
@@ -35,6 +36,8 @@ def test_both_angles_turn_it_where_people_walk(capsys):
         ["collect", "roundabout", "--driver", "a=driver@0", "--episodes", "2", "--out", "OUT"],
         ["render", "merge", "--driver", "driver@0", "--out", "OUT.png"],
         ["export", "driver@45/0", "--format", "torch", "--out", "OUT"],
+        ["turn", "driver", "--angle", "30", "--class-angle", "0", "--out", "OUT"],
+        ["dial", "merge", "--policy", "driver", "--every", "90", "--episodes", "4"],
     ],
     ids=lambda words: " ".join(words[:3]),
 )
@@ -42,6 +45,42 @@ def test_every_command_takes_its_name(words, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main([word.replace("OUT", out) for word in words]) == 0
     capsys.readouterr()
+
+
+def test_drivers_that_observe_rows_drive_beside_it(capsys):
+    other = "results/intersection-dial-clock/iterated.safetensors@45"
+    words = ["effects", "intersection", "--policy", "driver@45", "--policy", other]
+    assert main([*words, "--episodes", "4", "--json"]) == 0
+    together = json.loads(capsys.readouterr().out)["drivers"]
+    for policy, row in zip(("driver@45", other), together, strict=True):
+        assert main([*words[:2], "--policy", policy, "--episodes", "4", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["drivers"] == [row]
+
+
+def test_a_file_that_observes_its_route_needs_no_option(tmp_path, capsys):
+    file = str(tmp_path / "dial.safetensors")
+    shutil.copy("results/driver/driver.safetensors", file)
+    outcomes = []
+    for policy, world in ((f"{file}@30", "merge"), ("driver@30", "merge,observation=route")):
+        assert main(["evaluate", policy, "--world", world, "--episodes", "4", "--json"]) == 0
+        outcomes.append(json.loads(capsys.readouterr().out)["r_env"])
+    assert outcomes[0] == outcomes[1]
+
+
+def test_an_audit_drives_it_beside_references_that_observe_rows(tmp_path, capsys):
+    profile = tmp_path / "profile.toml"
+    declared = ["--world", "intersection", "--angle", "45", "--owner", "A", "--out", str(profile)]
+    assert main(["profile", "new", *declared]) == 0
+    out = tmp_path / "audit"
+    words = ["--profile", str(profile), "--episodes", "60", "--seed", "1", "--out", str(out)]
+    assert main(["audit", "driver", *words]) in (0, 1, 3)
+    report = json.loads((out / "report.json").read_text())
+    assert report["policy"]["record"]["schema"] == "route-1"
+    names = {reference["name"] for reference in report["references"]}
+    assert {"dial_0", "dial_45", "dial_90", "gap_3s"} <= names
+    assert report["policy"]["means"]["r_env"] > 6.0
+    capsys.readouterr()
+    assert main(["audit", "verify", str(out), "--rerun"]) == 0
 
 
 def test_the_function_takes_it_too():

@@ -20,6 +20,7 @@ from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.class_dial import ClassDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import refuse_existing
+from socialiq.policies.drivers import file_of, world_for
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
 from socialiq.storage import kind_of
@@ -52,8 +53,8 @@ class Dial(Printing):
     with a dial of continuous actions intersection-continuous, or intersection-continuous-steering
     (with -offroad: leaving the road ends an episode)."""
     policy: Path
-    """Dial file, of `socialiq train dial`; where actions are continuous, of `train sac` or
-    `iq-learn` with --set dial=true."""
+    """Dial file, of `socialiq train dial`, or `driver`, which ships; where actions are continuous,
+    of `train sac` or `iq-learn` with --set dial=true."""
     every: int = 5
     """Degrees between the rows, of a dial of two angles between those of each. In a gridworld the
     summary has two mean regrets: that of the rows, mean_regret_every_N, and that of every degree,
@@ -74,23 +75,24 @@ class Dial(Printing):
             refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
-        written = grammar.parse(self.world)
+        written = grammar.parse(self._shown)
         one_of("world", written.name, catalogue.NAMES)
         is_grid = written.name in catalogue.GRIDS
         if written.control:
             if self.calibrated:
                 raise UserError("--calibrated is of dials of discrete actions: leave it out")
-            dial = ActorDial.load(self.policy)
+            dial = ActorDial.load(self._file)
             rows, summary, _ = self.rolled(dial)
         else:
-            if kind_of(self.policy) == ClassDial.KIND:
+            two_angles = kind_of(self._file) == ClassDial.KIND
+            if two_angles and (is_grid or self._walks(written)):
                 return self._by_class()
-            if kind_of(self.policy) == ActorDial.KIND:
+            if kind_of(self._file) == ActorDial.KIND:
                 raise UserError(
                     f"{self.policy} has continuous actions: choose intersection,control=continuous "
                     "or control=steering"
                 )
-            dial = DialPolicy.load(self.policy)
+            dial = self._of_vehicles() if two_angles else DialPolicy.load(self._file)
             measure = self.exact if is_grid else self.rolled
             rows, summary, evaluated = measure(dial)
             if self.calibrated:
@@ -108,20 +110,36 @@ class Dial(Printing):
             print_table(listed(summary))
         return 0
 
+    @property
+    def _file(self) -> Path:
+        """The dial's file."""
+        return Path(file_of(str(self.policy)))
+
+    @property
+    def _shown(self) -> str:
+        """The world as the dial observes it."""
+        return world_for(self.world, [str(self.policy)])
+
+    def _walks(self, written: grammar.Written) -> bool:
+        """Whether people walk on a road."""
+        return getattr(drivers.with_one_ego(written), "walks", False)
+
+    def _of_vehicles(self) -> DialPolicy:
+        """Return a dial of two angles at the class angle 0, where vehicles are the one class."""
+        return ClassDial.load(self._file).of_class(0.0)
+
     def _by_class(self) -> int:
         """Evaluate a dial of two angles at each pair of them: exactly, or on a road by episodes."""
         if self.calibrated:
             raise UserError("--calibrated is of one angle: `socialiq turn --class-angle` first")
-        dial = ClassDial.load(self.policy)
+        dial = ClassDial.load(self._file)
         summary = Row()
-        written = grammar.parse(self.world)
+        written = grammar.parse(self._shown)
         if written.name in catalogue.ROADS:
             check_seed(self.seed)
             if self.soft or self.episodes < 2:
                 raise UserError("on a road give --episodes of 2 or more, and leave --soft out")
             world: Any = drivers.with_one_ego(written)
-            if not world.walks:
-                raise UserError(f"a class angle weighs people: write {self.world},people=0.1")
             drivers.refuse_misfit(str(self.policy), dial.of_class(0.0), world)
             seeds = np.arange(self.seed, self.seed + self.episodes)
             rows = list(driven(dial, world, float(self.every), seeds))
@@ -184,7 +202,7 @@ class Dial(Printing):
         The radius of a mixture is that of the episodes that select it.
         """
         check_seed(self.seed)
-        world: Any = drivers.with_one_ego(grammar.parse(self.world))
+        world: Any = drivers.with_one_ego(grammar.parse(self._shown))
         drivers.refuse_misfit(str(self.policy), dial, world)
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)

@@ -155,8 +155,8 @@ class EffectsOf(Printing):
             opened = list[tuple[str, float | None, Any, Loaded]]()
             for name, angle in self.drivers():
                 # Each driver is shown what it observes.
-                shown: Any = with_one_ego(self.road.written(self.world, [name]))
-                shown = measuring(shown, **given)
+                road: Any = with_one_ego(self.road.written(self.world, [name]))
+                shown = measuring(road, **given)
                 loaded = closing.enter_context(driver_of(name, shown, angle, self.allow_code))
                 opened.append((name, angle, shown, loaded))
             for name, angle, shown, loaded in opened:

@@ -221,7 +221,7 @@ class Turn(Printing):
     """
 
     dial: Annotated[Path, tyro.conf.Positional]
-    """Dial file, of `socialiq train dial`."""
+    """Dial file, of `socialiq train dial`; or `driver`, which ships."""
     out: Path
     """Policy file to write."""
     angle: float | None = None
@@ -235,7 +235,7 @@ class Turn(Printing):
     def run(self) -> int:
         """Turn and write."""
         refuse_existing(self.out)
-        kind = kind_of(self.dial)
+        kind = kind_of(self._file)
         if (kind == ClassDial.KIND) != (self.class_angle is not None):
             of = "two angles: add" if kind == ClassDial.KIND else "one angle: leave out"
             raise UserError(f"{self.dial} is a dial of {of} --class-angle")
@@ -263,11 +263,16 @@ class Turn(Printing):
             turned |= {"angle": "by rule", "contexts": "; ".join(rule.contexts)}
         return self._written(policy, turned)
 
+    @property
+    def _file(self) -> Path:
+        """The dial's file."""
+        return Path(file_of(str(self.dial)))
+
     def _dial(self, kind: str) -> Any:
         """Return the dial of the file, one of two angles at its class angle."""
         if self.class_angle is not None:
-            return ClassDial.load(self.dial).of_class(self.class_angle)
-        return (ActorDial if kind == ActorDial.KIND else DialPolicy).load(self.dial)
+            return ClassDial.load(self._file).of_class(self.class_angle)
+        return (ActorDial if kind == ActorDial.KIND else DialPolicy).load(self._file)
 
     def _written(self, policy: Saved, turned: dict[str, Any]) -> int:
         """Write the policy, or the dial, and print what was written."""
