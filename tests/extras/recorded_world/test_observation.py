@@ -1,9 +1,12 @@
 """The observation along the route at a recorded junction."""
 
+import json
+
 import numpy as np
 import pytest
 
 import socialiq
+from socialiq.cli.main import main
 from socialiq.worlds.highway.observation import EGO, LAYOUT, N_FEATURES, USER, USERS, names_of
 
 
@@ -29,7 +32,7 @@ def test_metres_and_speeds_are_those_of_the_vehicles(route):
     """The junction is a place at 0 of the ego's way; its speed is that of its record."""
     batch = route.batch(6)
     batch.reset(seeds=0)
-    for action in (3, 5, 0):
+    for action in (1, 2, 0):
         batch.step(np.full(6, action), auto_reset=False, rows=batch.running)
         ego, users = columns(batch.observation)
         controlled = batch.buffers.episodes["controlled"][:, 0]
@@ -54,3 +57,30 @@ def test_faults_and_the_front_end_stand_before_it(world_file):
     assert not columns(unseen.observation)[1]["presence"].any()
     behind = socialiq.world(f"{world_file},observation=route,front_end=[latency=1]").batch(4)
     assert behind.reset(seeds=0).shape == (4, N_FEATURES)
+
+
+def test_along_the_route_its_actions_are_those_of_every_road(world_file, route):
+    rows = socialiq.world(str(world_file))
+    assert len(rows.levels) == rows.n_actions == 6
+    assert route.levels == (min(rows.levels), 0.0, max(rows.levels), 0.0, 0.0)
+    batch = route.batch(5)
+    batch.reset(seeds=np.full(5, 3))
+    batch.step(np.arange(5))
+    cars = batch.buffers.vehicles[np.arange(5), batch.buffers.episodes["controlled"][:, 0]]
+    slower, idle, faster, *lanes = (cars["speed"] - cars["before"]).tolist()
+    assert slower < 0.0 == idle < faster
+    assert lanes == [0.0, 0.0]
+    assert route.driver("go").action == 2 and route.driver("wait").action == 0
+
+
+def test_the_driver_that_ships_drives_there_and_driver_without_an_angle_is_the_rule(
+    world_file, capsys
+):
+    words = ["--episodes", "12", "--json"]
+    assert main(["evaluate", "driver@45", "--world", str(world_file), *words]) == 0
+    evaluated = json.loads(capsys.readouterr().out)
+    policies = ["--policy", "driver@45", "--policy", "driver"]
+    assert main(["effects", str(world_file), *policies, *words]) == 0
+    network, rule = json.loads(capsys.readouterr().out)["drivers"]
+    assert evaluated["r_env"] == pytest.approx(network["r_env"])
+    assert network["r_env"] != rule["r_env"]

@@ -106,10 +106,10 @@ class JunctionBatch(RoadBatch):
         buffers = buffers._replace(episodes=episodes, vehicles=vehicles)
         super().__init__(options, buffers, settings_of(options), threads, world.effects)
         self.world = world
-        self.faster = world.n_actions - 1
+        self.faster = world.levels.index(max(world.levels))
         self.n_actions = world.n_actions
         # m/s²; the last is that of AS_DRIVER
-        self.levels = np.array([*world.config.levels, np.nan])
+        self.levels = np.array([*world.levels, np.nan])
         self.idle = world.ego.idle
         if options.along_route:
             self._along = AlongRoute(world.ego, world.max_speed)

@@ -12,6 +12,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.physics import corners
 from socialiq.worlds.gym import RoadEnv
+from socialiq.worlds.highway.options import Schema
 from socialiq_recordings.world.batch import PERSON, JunctionBatch
 from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.recorded_world import RecordedWorld
@@ -41,6 +42,7 @@ class RecordedJunctionEnv(RoadEnv):
         sha256: Of the world's content, if it must be a certain one.
         shift: Faults of sensors and of actions, as for `RoadWorld.shifted`.
         front_end: Perception before the policy, as for `RoadWorld.shifted`.
+        observation: Schema of observations: rows, or route, whose actions are `ROUTE_ACTIONS`.
 
     Raises:
         UserError: If the file is no world or another one, or the angle is invalid.
@@ -57,8 +59,9 @@ class RecordedJunctionEnv(RoadEnv):
         sha256: str = "",
         shift: str = "",
         front_end: str = "",
+        observation: Schema = "rows",
     ) -> None:
-        world = load_world(file)
+        world = load_world(file).showing(observation)
         if sha256 and sha256 != world.sha256:
             raise UserError(f"{file} is not the world with the SHA-256 {sha256[:12]}...")
         super().__init__(world.shifted(shift, front_end), angle, render_mode, clock)

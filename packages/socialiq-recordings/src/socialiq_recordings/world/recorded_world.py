@@ -21,6 +21,7 @@ from socialiq.worlds.highway.ego import EgoModel
 from socialiq.worlds.highway.kinds import changed_options
 from socialiq.worlds.highway.options import MAX_SPEED, Schema
 from socialiq.worlds.highway.perception import FrontEnd
+from socialiq.worlds.highway.scenes import ROUTE_ACTIONS
 from socialiq.worlds.highway.shifts import OR, Shift
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.intersection.options import Options
@@ -126,12 +127,25 @@ class RecordedWorld(RoadWorld):
         return dataclasses.replace(self, observation=cast(Any, schema))
 
     @property
+    def levels(self) -> tuple[float, ...]:
+        """Acceleration of each action, m/s²: those of the file, or of `ROUTE_ACTIONS`.
+
+        Along the route `slower` brakes most and `faster` accelerates most; changes of lanes, which
+        this ego can't do, do what `idle` does.
+        """
+        levels = self.config.levels
+        if self.observation == "rows":
+            return levels
+        route = {"slower": levels[0], "faster": levels[-1]}
+        return tuple(route.get(name, 0.0) for name in ROUTE_ACTIONS)
+
+    @property
     def ego(self) -> EgoModel:
         """Scales of the ego's observation; its actions are accelerations."""
         options = self.options
         return EgoModel(
-            idle=self.config.levels.index(0.0),
-            changes=self.config.levels,
+            idle=self.levels.index(0.0),
+            changes=self.levels,
             accelerates=True,
             ballistic=True,
             speeds=(0.0, MAX_SPEED),
@@ -158,8 +172,8 @@ class RecordedWorld(RoadWorld):
 
     @property
     def action_space(self) -> spaces.Discrete:
-        """Space of one action: the number of an acceleration, the strongest braking first."""
-        return spaces.Discrete(len(self.config.levels))
+        """Space of one action: the number of one of `levels`."""
+        return spaces.Discrete(len(self.levels))
 
     @property
     def capacity(self) -> int:
@@ -177,7 +191,8 @@ class RecordedWorld(RoadWorld):
             UserError: If the name is unknown.
         """
         one_of("driver of a recorded junction", name, self.drivers)
-        return ConstantPolicy({"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}[name])
+        numbers = {"driver": AS_DRIVER, "go": self.levels.index(max(self.levels)), "wait": 0}
+        return ConstantPolicy(numbers[name])
 
     def batch(self, size: int, threads: int = 1, traced: bool = False) -> JunctionBatch:  # noqa: ARG002
         """Return episodes side by side.

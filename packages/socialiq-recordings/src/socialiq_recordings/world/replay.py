@@ -85,7 +85,7 @@ def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> 
     final = rows[last[rows + 1]]  # the last decision of its episode
     ending[final] = np.where(ending[final] == int(Ending.NONE), int(Ending.TIMEOUT), ending[final])
     change = results.speed[rows + 1] - results.speed[rows]
-    levels = np.array(world.config.levels)
+    levels = np.array(world.levels)
     misses = change[:, None] - levels * (1 / world.config.policy_rate)
     # A tie goes to the level nearer to 0.
     action = np.argmin(np.round(np.abs(misses), 9) + 1e-12 * np.abs(levels), axis=1)

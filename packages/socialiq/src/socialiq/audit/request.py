@@ -152,7 +152,7 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
     driver = parse(spec)
     text = spec
     spec = driver.spec
-    if spec in world.drivers:
+    if driver.is_rule_of(world):
         return finished(driver, rule_of(spec, world), world)
     spec = file_of(spec)
     file = spec

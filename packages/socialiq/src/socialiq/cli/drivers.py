@@ -237,10 +237,11 @@ def dial_of(name: Any, world: str = "") -> Dial[Any] | None:
     Args:
         name: The driver.
         world: The world, as text. In that of a file a rule may have the name of the driver that
-            ships.
+            ships, which then has an angle.
     """
-    dial = drivers.parse(name).spec
-    if not (world and names_file(grammar.parse(world).name)):
+    driver = drivers.parse(name)
+    dial = driver.spec
+    if driver.angle is not None or not (world and names_file(grammar.parse(world).name)):
         dial = drivers.file_of(dial)
     kinds = {kind.KIND: kind for kind in (DialPolicy, ActorDial, ClassDial)}
     if isinstance(dial, str):

@@ -142,7 +142,8 @@ class EffectsOf(Printing):
         options = self.measured()
         # A file that rewards effects has its own options of the measure.
         given = {name: option for name, option in options.items() if option != _USUAL[name]}
-        world: Any = measuring(with_one_ego(written), **given)
+        plain: Any = with_one_ego(written)
+        world: Any = measuring(plain, **given)
         options = {name: getattr(world.effects, name) for name in options}
         seeds = np.arange(self.seed, self.seed + self.episodes)
         rows = []

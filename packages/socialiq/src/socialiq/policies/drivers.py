@@ -26,6 +26,7 @@ from socialiq.storage import header_of, is_file, shipped
 from socialiq.types import OBSERVATION
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, ROADS
+from socialiq.worlds.files import names_file
 from socialiq.worlds.highway.observation import ROUTE
 from socialiq.worlds.highway.shifts import OR
 from socialiq.worlds.intersection import atlas
@@ -46,6 +47,10 @@ class Driver(NamedTuple):
     angle: float | None = None  # to which a dial is turned, degrees
     class_angle: float | None = None  # of a dial of two angles, degrees
     front_end: str = ""  # perception before it, as "latency=1,track=3"
+
+    def is_rule_of(self, world: World) -> bool:
+        """Whether this is a rule of a world, whose name at a recorded junction may be `driver`."""
+        return self.spec in world.drivers and not (self.spec == DRIVER and self.angle is not None)
 
     def at(self, angle: float | None, option: str = "--angle") -> float | None:
         """Return the angle of a dial, which an option may give too.
@@ -152,8 +157,13 @@ def world_for(world: str, drivers: Iterable[Any]) -> str:
         UserError: If one of them observes its route and the world is a gridworld.
     """
     written = grammar.parse(world)
-    specs = [parse(driver).spec for driver in drivers]
-    along = [spec for spec in specs if schema_of(spec) == ROUTE]
+    of_file = names_file(written.name)  # where `driver` without an angle is a rule
+    along = [
+        driver.spec
+        for driver in map(parse, drivers)
+        if schema_of(driver.spec) == ROUTE
+        and not (of_file and driver.spec == DRIVER and driver.angle is None)
+    ]
     if not along:
         return world
     if written.name in GRIDS:
@@ -161,8 +171,8 @@ def world_for(world: str, drivers: Iterable[Any]) -> str:
             f"{one_line(name_of(along[0]))} drives on roads and in SUMO, not in {written.name}: "
             f"choose one of {', '.join(ROADS)}"
         )
-    if not (written.name in ROADS or written.in_sumo):
-        return world  # where a rule may have this name, as at recorded junctions
+    if not (written.name in ROADS or written.in_sumo or of_file):
+        return world
     return world if "observation" in written.options else f"{world},observation=route"
 
 
@@ -196,10 +206,9 @@ def driver_of(
     name = driver.spec
     angle = driver.at(angle)
     if isinstance(name, str):
-        if name in world.drivers:
+        if driver.is_rule_of(world):
             return finished(driver, rule_of(name, world, seed), world)
-        name = file_of(name)
-        name = _spec_of(name, world)
+        name = _spec_of(file_of(name), world)
     size = Interface.of(world)
     settings: dict[str, Any] = {"angle": angle or 0.0, "allow_code": allow_code, "clock": True}
     settings["action_size"] = size.action_size
