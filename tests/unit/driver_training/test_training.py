@@ -1,6 +1,7 @@
 """Labels of the driver's training over its mixture."""
 
 import dataclasses
+import json
 
 import jax
 import numpy as np
@@ -11,6 +12,7 @@ from socialiq.driver_training import training
 from socialiq.learners import policy_iteration
 from socialiq.nn.class_dial import ClassDial
 
+FILE = "results/driver/driver.safetensors"
 STRUCTURE = dataclasses.replace(training.STRUCTURE, hidden=(8,))
 SMALL = [
     "--set", "hidden=8", "--set", "updates=2", "--set", "states_per_update=1",
@@ -78,12 +80,28 @@ def test_one_dial_of_both_angles_is_written_and_drives_anywhere(tmp_path, capsys
         assert main(["evaluate", f"{path}@30", *words]) == 0
 
 
+def test_a_second_stage_begins_with_the_network_of_a_file(tmp_path, capsys):
+    out = tmp_path / "run"
+    small = ["states_per_update=1", "first_rounds=1", "replay_capacity=400", "batch_size=8"]
+    words = ["--out", str(out), "--set", "updates=1", "learning_rate=1e-9", *small]
+    assert main(["train", "driver", "--start", FILE, *words]) == 0
+    capsys.readouterr()
+    first, second = ClassDial.load(FILE), ClassDial.load(out / "dial_0.safetensors")
+    for before, after in zip(first.turned.weights, second.turned.weights, strict=True):
+        np.testing.assert_allclose(before, after, atol=1e-6)
+    assert json.loads((out / "run.json").read_text())
+    assert second.provenance["start"] == {"sha256": first.turned.sha256}
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [
         (["--hours", "0"], "--hours 0: give more than 0"),
         (["--set", "classes=false"], "leave out --set view, classes and times"),
         (["--set", "view=flat"], "leave out --set view, classes and times"),
+        (["--start", "none.safetensors"], "no such file: none.safetensors"),
+        (["--start", "results/intersection-dial-clock/iterated.safetensors"], "holds dial"),
+        (["--start", FILE, "--set", "hidden=8"], "has another network"),
     ],
 )
 def test_what_makes_no_driver_is_refused(words, line, tmp_path, capsys):
