@@ -17,8 +17,13 @@ from socialiq.cli.output import Display, Printing, Result, listed, print_table, 
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation import context, exact, parts
-from socialiq.evaluation.episodes import SIDE_BY_SIDE, episodes_of, policy_row
-from socialiq.evaluation.measures import Episodes, joined
+from socialiq.evaluation.episodes import (
+    AT_INTERSECTION,
+    SIDE_BY_SIDE,
+    episodes_of,
+    policy_row,
+)
+from socialiq.evaluation.measures import DECISION, Episodes, Quantity, joined
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
@@ -31,7 +36,7 @@ from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
 from socialiq.worlds import IDS, OLD_IDS, SCENE_IDS, SUMO_IDS, UNSEEN, environment, registry
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION
-from socialiq.worlds.files import refuse_file
+from socialiq.worlds.files import is_world_file, refuse_file
 from socialiq.worlds.grammar import Written
 
 TIMED = (*SCENE_IDS, *(SCENE_IDS | SUMO_IDS | OLD_IDS).values(), IDS["intersection"])
@@ -155,7 +160,8 @@ class Evaluate(Printing):
             return [measure(name) for name in self._policies]
         if self.episodes < 1:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
-        on_road = self.intersection if written.name == INTERSECTION else self.environment
+        is_road = written.is_built or is_world_file(written.name)
+        on_road = self.on_road if is_road else self.environment
         # Each policy is shown what it observes.
         return [on_road(self.road.written(self.world, [name]), name) for name in self._policies]
 
@@ -168,8 +174,11 @@ class Evaluate(Printing):
     def _seeds(self) -> range:
         return range(self.seed, self.seed + self.episodes)
 
-    def intersection(self, written: Written, name: Any) -> tuple[dict[str, Any], float | None]:
-        """Return the metrics of thesis 5.4 with intervals and the conflict rates, and the angle."""
+    def on_road(self, written: Written, name: Any) -> tuple[dict[str, Any], float | None]:
+        """Return the metrics of thesis 5.4 with intervals, and the angle.
+
+        At the intersection there are the conflict rates too.
+        """
         readout = "soft" if self.soft else "greedy"
         size = min(SIDE_BY_SIDE, self.episodes)
         shield = self.road.shield
@@ -182,7 +191,8 @@ class Evaluate(Printing):
                 batch: Any = world.batch(size)
                 seeds = np.array(self._seeds)
                 policy = shielded(driver, batch, shield)
-                episodes = episodes_of(batch, policy, seeds, deterministic=not self.soft)
+                measured = _quantities(written)
+                episodes = episodes_of(batch, policy, seeds, not self.soft, measured)
             elif name == "random" or (self.soft and not loaded.record.soft):
                 raise parts.draws_in_order(name)
             else:  # as many side by side as in one
@@ -293,12 +303,17 @@ def _play_road(
     size: int,
     seeds: np.ndarray,
 ) -> Episodes:
-    """Play episodes of a driver at the intersection; `size` of them run side by side."""
+    """Play episodes of a driver on a road; `size` of them run side by side."""
     road = drivers.with_one_ego(world)
     with drivers.driver_of(driver, road, angle, allow_code) as loaded:
         batch: Any = road.batch(size)
         policy = shielded(loaded.policy, batch, shield)
-        return episodes_of(batch, policy, seeds, deterministic=not soft)
+        return episodes_of(batch, policy, seeds, not soft, _quantities(world))
+
+
+def _quantities(world: Written) -> Mapping[str, Quantity]:
+    """Return the quantities of a decision: the conflict rates read the intersection's geometry."""
+    return AT_INTERSECTION if world.name == INTERSECTION else DECISION
 
 
 def _play_in_environment(

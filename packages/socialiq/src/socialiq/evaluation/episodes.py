@@ -154,7 +154,9 @@ def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> Row:
 
 
 def policy_row(policy: str, readout: str, episodes: Episodes, off_road: bool = False) -> Row:
-    """Return every metric of thesis 5.4 of a named policy, and its collisions by exposure.
+    """Return every metric of thesis 5.4 of a named policy.
+
+    At the intersection it has the collisions by exposure too.
 
     Args:
         policy: Name of the policy.
@@ -169,11 +171,12 @@ def policy_row(policy: str, readout: str, episodes: Episodes, off_road: bool = F
     reward = reward_row(episodes)
     angle = estimate_angle(*episodes.totals, seed=_BOOTSTRAP_SEED)
     row = {"policy": policy, "readout": readout} | outcome
-    row |= {name: reward[name] for name in (*REWARDS, *_CLASSICAL)}
+    row |= {name: reward[name] for name in (*REWARDS, *_CLASSICAL) if name in reward}
     row |= {"angle": angle.angle, "angle_low": angle.low, "angle_high": angle.high}
+    rates = conflict_rates(episodes) if "entered" in episodes else {}
     row |= {
         name: "" if value is None else value
-        for name, value in conflict_rates(episodes).items()
+        for name, value in rates.items()
         if name not in row and name not in ("at_fault", "struck")
     }
     return row | on_foot_row(episodes)
@@ -220,7 +223,10 @@ def outcome_row(episodes: Episodes, off_road: bool = False) -> Row:
 
 
 def reward_row(episodes: Episodes) -> Row:
-    """Return totals of an episode, and the share of decisions in which each signal is not 0."""
+    """Return totals of an episode, and the share of decisions in which each signal is not 0.
+
+    Totals of the classical rewards are left out where a world has none.
+    """
     metrics = episodes.metrics()
     steps = episodes.length.sum()
     row: Row = {}
@@ -230,6 +236,7 @@ def reward_row(episodes: Episodes) -> Row:
     for name, column in episodes.items():
         if name.startswith("active_"):
             row[f"{name.removeprefix('active_')}_active"] = float(column.sum() / steps)
-    for name in ("classical_own", "classical_others"):
+    has_classical = any(name.startswith("classical") for name in episodes)
+    for name in ("classical_own", "classical_others") if has_classical else ():
         row |= {name: float(episodes[name].mean()), f"{name}_sd": float(episodes[name].std())}
     return row

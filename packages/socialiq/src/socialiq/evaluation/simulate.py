@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int64, Shaped
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy, RewardPair, is_unit_box
-from socialiq.worlds.world import Actor, Simulator
+from socialiq.worlds.world import Actor, ConstantPolicy, Simulator
 
 SOFT = 4172  # makes draws of soft policies independent of other draws from the same seed
 UNIFORM = 6011  # likewise, of uniform actions
@@ -141,7 +141,16 @@ def actor_of(simulator: Simulator, policy: Policy, deterministic: bool = True) -
     """
     if not deterministic and isinstance(policy, SoftPolicy):
         return SoftActor(policy, simulator)
+    if isinstance(policy, ConstantPolicy):
+        return always(policy)
     return PolicyActor(policy, simulator, deterministic)
+
+
+def always(policy: ConstantPolicy) -> Actor:
+    """Return the actor of one action, which need not be one that policies have."""
+    action = np.asarray(policy.action)
+    ones = (1,) * action.ndim
+    return ScriptedActor(lambda _, __, rows: np.tile(action, (len(rows), *ones)))
 
 
 def observations_of(

@@ -211,9 +211,7 @@ def actor_of(world: World, batch: Simulator, driver: Reference, deterministic: b
     if not deterministic and world.draws_by_seed and isinstance(policy, simulate.SoftPolicy):
         return simulate.SoftActor(policy, batch)
     if isinstance(policy, ConstantPolicy):
-        action = np.asarray(policy.action)
-        ones = (1,) * action.ndim
-        return simulate.ScriptedActor(lambda _, __, rows: np.tile(action, (len(rows), *ones)))
+        return simulate.always(policy)
     if isinstance(batch, simulate.GymSimulator):
         return simulate.GymActor(policy, deterministic, batch)
     checked = functools.partial(sizes.checked, source=driver.name)
