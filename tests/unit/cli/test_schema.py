@@ -1,5 +1,6 @@
 """Policies of the observation along the route: one file for every road, refused where rows are."""
 
+import dataclasses
 import json
 
 import pytest
@@ -41,10 +42,35 @@ def test_one_policy_drives_on_every_road(policy, world, capsys):
     assert json.loads(capsys.readouterr().out)
 
 
-def test_a_world_of_rows_refuses_it_and_names_the_mend(policy, capsys):
-    assert main(["evaluate", str(policy), "--world", "merge", "--episodes", "2"]) != 0
+def test_a_world_shows_it_the_route_unless_the_text_asks_for_rows(policy, capsys):
+    capsys.readouterr()
+    outcomes = []
+    for world in ("merge", "merge,observation=route"):
+        assert main(["evaluate", str(policy), "--world", world, "--episodes", "2", "--json"]) == 0
+        outcomes.append(json.loads(capsys.readouterr().out)["r_env"])
+    assert outcomes[0] == outcomes[1]
+    world = "merge,observation=rows"
+    assert main(["evaluate", str(policy), "--world", world, "--episodes", "2"]) != 0
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert "route-1" in line and "add observation=route to the world" in line
+
+
+@pytest.mark.parametrize("named", ["route-2", "lidar-1", "", 7, ["route-1"]])
+def test_a_schema_that_no_world_shows_is_refused_in_one_line(policy, named, tmp_path, capsys):
+    network = QPolicy.load(policy)
+    unknown = tmp_path / "policy.safetensors"
+    provenance = {**network.provenance, "observation": named}
+    dataclasses.replace(network, provenance=provenance).save(unknown)
+    profile = tmp_path / "profile.toml"
+    declared = ["--world", "intersection", "--angle", "45", "--owner", "A", "--out", str(profile)]
+    assert main(["profile", "new", *declared]) == 0
+    capsys.readouterr()
+    audited = ["--profile", str(profile), "--out", str(tmp_path / "audit"), "--seed", "1"]
+    for words in (["evaluate", "--world", "merge", "--episodes", "2"], ["audit", *audited]):
+        assert main([words[0], str(unknown), *words[1:]]) == 2
+        line = capsys.readouterr().err.strip()
+        assert f"schema {named}, which this version does not know" in line and "\n" not in line
+    assert not (tmp_path / "audit").exists()
 
 
 def test_a_policy_of_rows_is_refused_along_the_route(capsys):

@@ -23,7 +23,7 @@ from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of
 from socialiq.social.angle import check_angle, check_class_angle
 from socialiq.storage import header_of, is_file, shipped
-from socialiq.types import OBSERVATION
+from socialiq.types import OBSERVATION, ROWS
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, ROADS
 from socialiq.worlds.files import names_file
@@ -116,12 +116,13 @@ def schema_of(spec: Any) -> str:
         spec: Name of a driver, a file, or a policy.
 
     Returns:
-        As `World.schema`; "" where it names none.
+        `ROWS` or `ROUTE`; "" where it names none of them.
     """
     provenance = getattr(spec, "provenance", None)
     if isinstance(spec, str | Path):
         provenance = header_of(Path(file_of(spec))).get("provenance")
-    return str(provenance.get(OBSERVATION, "")) if isinstance(provenance, Mapping) else ""
+    schema = provenance.get(OBSERVATION) if isinstance(provenance, Mapping) else ""
+    return schema if schema in (ROWS, ROUTE) else ""
 
 
 def showing(world: World, schema: str) -> World:

@@ -34,6 +34,7 @@ from socialiq.policies.sb3_load import read_sb3
 from socialiq.reading import path_of, sha256_of
 from socialiq.storage import content_hash, kind_of, load_arrays
 from socialiq.types import OBSERVATION, ROWS, Policy
+from socialiq.worlds.highway.observation import ROUTE
 from socialiq.worlds.situation import ContextPolicy
 
 KINDS = ("FILE.safetensors", "FILE.zip", "FILE.onnx", "process:COMMAND LINE", "python:FILE.py:NAME")
@@ -232,6 +233,12 @@ def _described(
     if world is not None:
         size = getattr(policy, "action_size", 0)
         schema = getattr(policy, "provenance", {}).get(OBSERVATION, ROWS)
+        if schema not in (ROWS, ROUTE):
+            named = one_line(str(schema), 80)
+            raise UserError(
+                f"{source} takes observations of the schema {named}, which this version does not "
+                f"know: name a policy of {ROWS} or {ROUTE}"
+            )
         Interface(policy.n_features, policy.n_actions, size, schema).check(source, world)
     if is_dial:
         ends = {"angle": angle, "low": policy.low, "high": policy.high}
