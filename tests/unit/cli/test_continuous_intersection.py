@@ -78,10 +78,6 @@ def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, ca
             "unknown driver 'expert_nobody': choose one of go, idle",
         ),
         (["evaluate", "no.safetensors", "--world", WORLD, "--episodes", "2"], "no.safetensors"),
-        (
-            ["evaluate", "DIAL", "--world", WORLD, "--episodes", "2", "--processes", "2"],
-            "are not split",
-        ),
         (["evaluate", "DIAL", "--world", "intersection", "--episodes", "2"], "DIAL"),
         (["collect", WORLD, "--out", "x.safetensors"], "name the drivers"),
     ],
@@ -92,6 +88,15 @@ def test_mistakes_are_one_line(words, says, dial, capsys, tmp_path, monkeypatch)
     assert main(given) == 2
     line = capsys.readouterr().err
     assert says.replace("DIAL", str(dial)) in line and line.count("\n") == 1
+
+
+def test_episodes_are_split_among_processes(capsys):
+    rows = []
+    for processes in ("0", "2"):
+        words = ["--world", f"{WORLD},late", "--episodes", "9", "--processes", processes]
+        assert main(["evaluate", "atlas:expert_prosocial", *words, "--json"]) == 0
+        rows.append(json.loads(capsys.readouterr().out))
+    assert rows[0] == rows[1]
 
 
 def test_an_expert_of_the_atlas_is_drawn(tmp_path):

@@ -86,8 +86,8 @@ class Evaluate(Printing):
     """Seed of the rollouts and the bootstrap."""
     road: tyro.conf.OmitArgPrefixes[drivers.OnRoads] = field(default_factory=drivers.OnRoads)
     processes: int = 0
-    """Processes among which episodes of the intersection or of an environment are split, by seed;
-    by default this one plays all."""
+    """Processes among which episodes of a road or of an environment are split, by seed; by default
+    this one plays all."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
 
@@ -153,7 +153,7 @@ class Evaluate(Printing):
         written = self.road.written(self.world, self._policies)
         refuse_file(written.name)
         parts.check_processes(self.processes)
-        if self.processes and (written.name in GRIDS or written.control):
+        if self.processes and written.name in GRIDS:
             raise UserError(f"episodes of {self.world} are not split: leave out --processes")
         if written.name in GRIDS:
             measure = self.gridworld()
