@@ -91,7 +91,10 @@ def test_the_function_takes_it_too():
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["evaluate", "driver@45", "--world", "crossing7"], "driver drives on roads and in SUMO"),
+        (
+            ["evaluate", "driver@45", "--world", "crossing7"],
+            "driver drives on roads, at recorded junctions and in SUMO",
+        ),
         (["evaluate", "driver@45", "--world", "merge,observation=rows"], "add observation=route"),
         (["export", "driver@45", "--format", "onnx", "--out", "x.onnx"], "write @45/0"),
         (["export", "driver", "--format", "onnx", "--out", "x.onnx"], "is a dial"),

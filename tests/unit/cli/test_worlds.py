@@ -76,6 +76,24 @@ def test_each_cell_runs_or_says_why(command, world, tmp_path, capsys):
         assert len(error.splitlines()) == 1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.parametrize("command", ["collect", "effects", "evaluate", "render"])
+def test_the_driver_drives_where_a_rule_does(command, world, tmp_path, capsys):
+    words = [word.format(world=world, out=tmp_path / "out") for word in COMMANDS[command]]
+    words = ["driver@45" if word == "go" else word for word in words]
+    written = grammar.parse(world)
+    why = refusal(command, world)
+    if written.name in catalogue.GRIDS:
+        why = f"driver drives on roads, at recorded junctions and in SUMO, not in {written.name}"
+    elif written.control:
+        why = "takes 674 features and 5 discrete actions"
+    status = main(words)
+    error = capsys.readouterr().err
+    assert status == (2 if why else 0), error
+    assert why in error
+
+
 def test_the_list_has_every_world(capsys):
     assert main(["worlds", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)

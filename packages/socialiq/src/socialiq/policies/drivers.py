@@ -169,8 +169,8 @@ def world_for(world: str, drivers: Iterable[Any]) -> str:
         return world
     if written.name in GRIDS:
         raise UserError(
-            f"{one_line(name_of(along[0]))} drives on roads and in SUMO, not in {written.name}: "
-            f"choose one of {', '.join(ROADS)}"
+            f"{one_line(name_of(along[0]))} drives on roads, at recorded junctions and in SUMO, "
+            f"not in {written.name}: choose one of {', '.join(ROADS)}"
         )
     if not (written.name in ROADS or written.in_sumo or of_file):
         return world
