@@ -323,7 +323,7 @@ class LabelCollector(BaseCollector):
         learner: DialIteration,
         hyperparameters: Sequence[IterationHyperparameters],
         labellers: Sequence[Labeller],
-        improved: DialPolicy | None = None,
+        improved: DialPolicy | ClassDial | None = None,
     ) -> None:
         super().__init__([run.seed for run in hyperparameters])
         self._learner = learner
