@@ -17,8 +17,8 @@ from gymnasium import spaces
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import GymSimulator
 from socialiq.reading import sha256_of_file
-from socialiq.types import Json
-from socialiq.worlds.catalogue import scene_named
+from socialiq.types import ROWS, Json
+from socialiq.worlds.catalogue import in_sumo, scene_named
 from socialiq.worlds.environment import action_bounds, make_environment, paired, sizes
 from socialiq.worlds.gym import RoadEnv
 from socialiq.worlds.highway.world import RoadWorld
@@ -65,6 +65,27 @@ class Environment(World):
     def n_features(self) -> int:
         """Length of an observation."""
         return sizes(self.env)[0]
+
+    @property
+    def schema(self) -> str:
+        """Name and version of the schema of observations, of a road of this package or in SUMO."""
+        env = self.env.unwrapped
+        return getattr(env, "schema", env.world.schema if isinstance(env, RoadEnv) else ROWS)
+
+    def showing(self, schema: str) -> Environment:
+        """Return the same environment with observations of a schema, `rows` or `route`.
+
+        Args:
+            schema: Name of the schema.
+
+        Raises:
+            UserError: If the environment is of other code.
+        """
+        if schema != self.schema.rpartition("-")[0]:
+            if not (scene_named(self.name) or in_sumo(self.name)):
+                raise UserError(f"{self.name} has no routes: name a policy that it shows its input")
+            return Environment.of(self.name, {**self.options, "observation": schema}, False)
+        return self
 
     @property
     def action_space(self) -> gymnasium.Space[Any]:
