@@ -214,6 +214,7 @@ def test_a_bound_that_can_not_be_tested_is_refused(declared, world, table, field
     [
         ("speed_limit = 3", "unknown option of intersection 'speed_limit'"),
         ("initial_vehicle_count = 1000000", "at most 200 in an audit"),
+        ("initial_vehicle_count = 3000000000", "within plus or minus 2,147,483,647"),
         ("duration = 100000", "at most 200 in an audit"),
         ("observed_vehicles = 100000", "observed_vehicles must be at most 200"),
         ("simulation_frequency = 100000", "simulation_frequency must be at most 100"),

@@ -80,6 +80,7 @@ LONGEST_TEXT = 200  # characters
 MOST_OPTIONS = 64
 LAST_DIRECTION = 90.0  # angles from 0 to this one, in degrees, may have a width
 LARGEST_NUMBER = 1e6  # of a reward or an option; usual numbers are far smaller
+LARGEST_WHOLE = 2**31 - 1  # of an option that is a whole number, as the seed of a road
 
 # No control characters (C0, C1) and none that reorder or hide text of a report.
 _HIDDEN = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"

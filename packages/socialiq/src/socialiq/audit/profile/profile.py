@@ -148,8 +148,10 @@ def _typed(option: str, value: Any, default: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, numeric):
         what = "whole number" if isinstance(default, int) else "number"
         raise UserError(f"{option} must be a {what}")
-    if not -fields.LARGEST_NUMBER <= value <= fields.LARGEST_NUMBER:
-        raise UserError(f"{option} must be within plus or minus {fields.LARGEST_NUMBER:g}")
+    most = fields.LARGEST_WHOLE if isinstance(default, int) else fields.LARGEST_NUMBER
+    if not -most <= value <= most:
+        shown = f"{most:,}" if isinstance(most, int) else f"{most:g}"
+        raise UserError(f"{option} must be within plus or minus {shown}")
     return type(default)(value)
 
 
