@@ -80,7 +80,7 @@ def test_an_episode_that_could_not_be_shown_again_is_blank(plain):
 
 def test_an_environment_has_none(plain):
     plain["declaration"]["scenario"]["world"] = "lane.py:make"
-    assert moving(plain) == [] and ground_of("lane.py:make") is None
+    assert moving(plain) == [] and ground_of("lane.py:make", {}) is None
     assert '<svg class="moving"' not in page(plain)
 
 
@@ -101,12 +101,12 @@ def test_the_view_of_a_long_road_follows_the_ego(plain):
     assert one.camera[0].transform == "translate(-30px,0px) rotate(0deg)"
     assert one.framed == "translate(-90 0) rotate(0)"
     assert page(plain).count('<g class="camera"') == 6
-    assert ground_of("roundabout").follows == (False, False)
-    assert ground_of("socialiq/Merge-v1") == ground_of("merge")
+    assert ground_of("roundabout", {}).follows == (False, False)
+    assert ground_of("socialiq/Merge-v1", {}) == ground_of("merge", {})
 
 
 def test_roads_are_closed_paths():
     for world in ("crossing5", "crossing7", "intersection", "merge", "roundabout"):
-        ground = ground_of(world)
+        ground = ground_of(world, {})
         assert ground.road.startswith("M") and ground.road.endswith("Z")
-    assert ground_of("crossing7").view == (-0.5, -0.5, 7, 7)
+    assert ground_of("crossing7", {}).view == (-0.5, -0.5, 7, 7)

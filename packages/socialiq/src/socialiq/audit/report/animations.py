@@ -6,7 +6,6 @@ shows the last frame.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +17,10 @@ from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
 from socialiq.types import Json
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION, base, scene_named
+from socialiq.worlds.grammar import build
 from socialiq.worlds.highway import shapes
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.highway.network import APPROACH, EXIT, LANE_WIDTH
-from socialiq.worlds.highway.scenes import scene_of
 from socialiq.worlds.intersection.views import JUNCTION
 from socialiq.worlds.registry import make_grid
 
@@ -79,7 +78,8 @@ class MovingPicture:
 
 def moving(report: Json) -> list[MovingPicture]:
     """Return the moving pictures of a report, none in an environment of other code."""
-    ground = ground_of(report["declaration"]["scenario"]["world"])
+    scenario = report["declaration"]["scenario"]
+    ground = ground_of(scenario["world"], scenario.get("options", {}))
     if ground is None:
         return []
     return [
@@ -89,9 +89,13 @@ def moving(report: Json) -> list[MovingPicture]:
     ]
 
 
-@functools.cache
-def ground_of(world: str) -> Ground | None:
-    """Return the ground of a world, None for an environment of other code."""
+def ground_of(world: str, options: Json) -> Ground | None:
+    """Return the ground of a world, None for an environment of other code.
+
+    Args:
+        world: Name of the world.
+        options: Its options, from which a generated road follows.
+    """
     if base(world) in GRIDS:
         size = make_grid(world).size
         middle = (size - 1) / 2
@@ -116,9 +120,11 @@ def ground_of(world: str) -> Ground | None:
     if scene is None:
         return None
     # In view: where ways meet and the ego's entry, or what is around the ego.
-    highway = scene_of(scene).road
-    entry = highway.entries[0]
-    lines = [shapes.way(highway.lanes[entry["lane"]], float(entry["along"]))[:1]]
+    highway = build(scene, options).scene.road
+    lines = [
+        shapes.way(highway.lanes[entry["lane"]], float(entry["along"]))[:1]
+        for entry in highway.entries[:1]  # none of a road on which vehicles arrive at random
+    ]
     lines += [shapes.way(lane) for lane in highway.lanes if APPROACH < lane["kind"] < EXIT]
     points = np.concatenate(lines)
     first = points.min(axis=0) - _BESIDE
