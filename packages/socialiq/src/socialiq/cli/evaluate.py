@@ -58,8 +58,9 @@ class Evaluate(Printing):
     others drove, with 95 % intervals, by fitted Q evaluation and by weighted importance sampling,
     and a line says what the data can't support.
 
-    At the intersection and in SUMO a rule-based driver (go, wait, idm, gap_3s, ...) or a policy of
-    the atlas (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
+    On roads and in SUMO the driver that ships (driver@45), a rule-based driver (go, wait, idm,
+    gap_3s, ...) or a policy of the atlas (expert_egoistic, baseline, prosocial, ...) may be named
+    too. Each policy is shown what it observes.
 
     Example: socialiq evaluate run/policy_angle45.safetensors --world crossing7 --angle 45
     """
