@@ -186,13 +186,19 @@ def on_foot_row(episodes: Episodes) -> Row:
     """Return what happened to people by class, with intervals; an empty row where no person walks.
 
     They are the seconds that they lost and would not have without the ego, and the share of
-    episodes in which the ego hit a person.
+    episodes in which the ego hit a person; at recorded junctions, where people are replayed, the
+    hits alone, and the mean number of others that hit a person.
     """
     row = Row()
     for user in ROAD_USERS:
-        if f"signal_{user.name}_delay" in episodes:
-            delay = (f"{user.name}_delay",) if len(episodes.ending) > 1 else ()
+        if f"signal_{user.name}_hit" in episodes:
+            has_delay = f"signal_{user.name}_delay" in episodes and len(episodes.ending) > 1
+            delay = (f"{user.name}_delay",) if has_delay else ()
             row |= summary(episodes, (*delay, f"{user.name}_hit"))
+    for signal, column in episodes.items():
+        name = signal.removeprefix("signal_")
+        if signal != name and name.endswith("_hit") and name not in row:
+            row[name] = float(column.mean())
     return row
 
 
