@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -120,7 +120,8 @@ def ground_of(world: str, options: Json) -> Ground | None:
     if scene is None:
         return None
     # In view: where ways meet and the ego's entry, or what is around the ego.
-    highway = build(scene, options).scene.road
+    world_of_road: Any = build(scene, options)
+    highway = world_of_road.scene.road
     lines = [
         shapes.way(highway.lanes[entry["lane"]], float(entry["along"]))[:1]
         for entry in highway.entries[:1]  # none of a road on which vehicles arrive at random
