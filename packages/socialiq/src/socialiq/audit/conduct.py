@@ -171,8 +171,8 @@ def _audited(
 
     evidence = list(map(driven, collections))
     episodes = replay.selected(evidence[0], declared.profile.angle)
-    seen = showing(world, loaded.record.interface.schema)
-    films = replay.films_of(seen, loaded.policy, episodes) if request.films else {}
+    shown_world = showing(world, loaded.record.interface.schema)
+    films = replay.films_of(shown_world, loaded.policy, episodes) if request.films else {}
     return Audited(
         profile=declared.profile,
         policy=loaded.record.as_json(),
@@ -187,7 +187,7 @@ def _audited(
         traffic=traffic,
         episodes=episodes,
         films=films,
-        traces=replay.traces_of(seen, loaded.policy, episodes, not request.soft),
+        traces=replay.traces_of(shown_world, loaded.policy, episodes, not request.soft),
         command=command_of(request, draw.seed),
         started=started,
     )

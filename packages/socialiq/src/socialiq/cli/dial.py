@@ -92,7 +92,10 @@ class Dial(Printing):
                     f"{self.policy} has continuous actions: choose intersection,control=continuous "
                     "or control=steering"
                 )
-            dial = self._of_vehicles() if two_angles else DialPolicy.load(self._file)
+            if two_angles:  # vehicles are the one class here
+                dial = ClassDial.load(self._file).of_class(0.0)
+            else:
+                dial = DialPolicy.load(self._file)
             measure = self.exact if is_grid else self.rolled
             rows, summary, evaluated = measure(dial)
             if self.calibrated:
@@ -123,10 +126,6 @@ class Dial(Printing):
     def _walks(self, written: grammar.Written) -> bool:
         """Whether people walk on a road."""
         return getattr(drivers.with_one_ego(written), "walks", False)
-
-    def _of_vehicles(self) -> DialPolicy:
-        """Return a dial of two angles at the class angle 0, where vehicles are the one class."""
-        return ClassDial.load(self._file).of_class(0.0)
 
     def _by_class(self) -> int:
         """Evaluate a dial of two angles at each pair of them: exactly, or on a road by episodes."""

@@ -83,7 +83,7 @@ class Environment(World):
         """
         if schema != self.schema.rpartition("-")[0]:
             if not (scene_named(self.name) or in_sumo(self.name)):
-                raise UserError(f"{self.name} has no routes: name a policy that it shows its input")
+                raise UserError(f"{self.name} has no routes: name a policy of its observations")
             return Environment.of(self.name, {**self.options, "observation": schema}, False)
         return self
 

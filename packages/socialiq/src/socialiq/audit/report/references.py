@@ -158,7 +158,7 @@ def _shipped_policy(
     record = audited.policy
     source = audited.policy["source"]
     rule = record["kind"] == drivers.RULE
-    shipped = source.startswith(drivers.ATLAS) or drivers.parse(source).spec == drivers.DRIVER
+    shipped = source.startswith(drivers.ATLAS) or source.partition("@")[0] == drivers.DRIVER
     if audited.profile.rule or not (rule or shipped):
         results.believed.append(_POLICY)
         return None
