@@ -9,6 +9,7 @@ import pytest
 
 from socialiq.cli.main import main
 from socialiq.driver_training import training
+from socialiq.evaluation.parts import Workers
 from socialiq.learners import policy_iteration
 from socialiq.nn.class_dial import ClassDial
 
@@ -20,12 +21,11 @@ SMALL = [
 ]  # fmt: skip
 
 
-@pytest.fixture(name="policies", scope="module")
-def policies_of_a_new_network():
+@pytest.fixture(name="policy", scope="module")
+def policy_of_a_new_network():
     network = policy_iteration.DialIteration(STRUCTURE, training.SIZES).network(jax.random.key(0))
     dial = policy_iteration.kind_of_dial(STRUCTURE).of(network, 1.0, 0.0, 90.0, {})
-    follow = policy_iteration.greedy(dial)
-    return follow, follow
+    return policy_iteration.Greedy(dial), 0.1
 
 
 @pytest.mark.parametrize(
@@ -37,9 +37,9 @@ def policies_of_a_new_network():
         ("road,observation=route,seed=2,people=.1,agents=2", False),
     ],
 )
-def test_labels_have_both_classes_in_every_world(world, people, policies):
+def test_labels_have_both_classes_in_every_world(world, people, policy):
     rng = np.random.default_rng(1)
-    labelled = training.label_world(STRUCTURE, world, 45, policies, rng)
+    labelled = training.label_world(STRUCTURE, world, 45, policy, rng)
     n_features, n_actions = training.SIZES
     assert labelled.observation.shape == (45, n_features + 2)  # both angles at the end
     assert np.ptp(labelled.observation[:, -2]) > 40.0
@@ -50,7 +50,7 @@ def test_labels_have_both_classes_in_every_world(world, people, policies):
     assert np.any(vulnerable) == people
 
 
-def test_a_chunk_has_equal_shares_of_its_worlds(policies, monkeypatch):
+def test_a_chunk_has_equal_shares_of_its_worlds(policy, monkeypatch):
     structure = dataclasses.replace(STRUCTURE, states_per_update=1)
     drawn = list[str]()
     label_world = training.label_world
@@ -60,10 +60,21 @@ def test_a_chunk_has_equal_shares_of_its_worlds(policies, monkeypatch):
         return label_world(structure, "merge,observation=route,reward=caused", *arguments)
 
     monkeypatch.setattr(training, "label_world", noting)
-    labelled = training.labeller(structure)(*policies, np.random.default_rng(3))
+    labelled = training.labeller(structure)(*policy, np.random.default_rng(3))
     assert len(labelled.observation) == 200
     assert len(drawn) == training.WORLDS
     assert len({*drawn}) > 1
+
+
+@pytest.mark.slow
+def test_labels_are_the_same_in_any_number_of_processes(policy):
+    structure = dataclasses.replace(STRUCTURE, states_per_update=1)
+    with Workers(2) as workers:
+        apart, here = (
+            training.labeller(structure, split)(*policy, np.random.default_rng(3))
+            for split in (workers, None)
+        )
+    jax.tree.map(np.testing.assert_array_equal, apart, here)
 
 
 def test_one_dial_of_both_angles_is_written_and_drives_anywhere(tmp_path, capsys):
@@ -97,6 +108,7 @@ def test_a_second_stage_begins_with_the_network_of_a_file(tmp_path, capsys):
     ("words", "line"),
     [
         (["--hours", "0"], "--hours 0: give more than 0"),
+        (["--processes", "-1"], "processes must be at least 1"),
         (["--set", "classes=false"], "leave out --set view, classes and times"),
         (["--set", "view=flat"], "leave out --set view, classes and times"),
         (["--start", "none.safetensors"], "no such file: none.safetensors"),

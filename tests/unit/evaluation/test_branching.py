@@ -77,9 +77,9 @@ def test_labeller_leaves_no_trace_between_calls():
         return follow(observation[:, :-1])
 
     label = labeller()
-    once = label(at_any_angle, at_any_angle, np.random.default_rng(3))
-    label(at_any_angle, at_any_angle, np.random.default_rng(4))
-    again = label(at_any_angle, at_any_angle, np.random.default_rng(3))
+    once = label(at_any_angle, 0.1, np.random.default_rng(3))
+    label(at_any_angle, 0.1, np.random.default_rng(4))
+    again = label(at_any_angle, 0.1, np.random.default_rng(3))
     assert once.observation.shape == (CHUNK, 71) and once.returns.env.shape == (CHUNK, 3)
     np.testing.assert_array_equal(once.observation, again.observation)
     np.testing.assert_array_equal(once.returns.social, again.returns.social)
@@ -93,7 +93,7 @@ def test_with_a_clock_observations_have_the_time_before_the_angle():
         angles.append(set(observation[:, -1].tolist()))
         return np.where(observation[:, -2] >= 2, FASTER, SLOWER)
 
-    labelled = labeller(clock=True)(late, late, np.random.default_rng(3))
+    labelled = labeller(clock=True)(late, 0.0, np.random.default_rng(3))
     assert labelled.observation.shape == (CHUNK, 72)
     assert labelled.observation[:, -2].reshape(4, 50).T.tolist() == [[0, 1, 2, 3]] * 50
     assert max(times) > 3  # rollouts go on from the time of the state
@@ -134,7 +134,7 @@ def test_an_action_that_the_policy_would_take_changes_nothing(fleets):
 def test_states_of_fleets_are_labelled_at_their_angles():
     structure = DialIterationConfig(states_per_update=1)
     label = fleet_labeller(structure, make_fleet(agents=4, duration=12.0), 8, True)
-    labelled = label(accelerate, accelerate, np.random.default_rng(0))
+    labelled = label(accelerate, 0.0, np.random.default_rng(0))
     assert len(labelled.observation) == CHUNK
     angles = labelled.observation[:8, -1]
     assert (angles >= structure.low - structure.margin).all()

@@ -12,10 +12,10 @@ from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.policy_iteration import (
     DialIteration,
     DialIterationConfig,
+    Greedy,
     IterationHyperparameters,
     Labelled,
     expected_return,
-    greedy,
     regression_error,
     train,
 )
@@ -31,7 +31,7 @@ NUMBERS = IterationHyperparameters(
 )
 
 
-def choice(_follow, _visit, rng):
+def choice(_follow, _share, rng):
     """One state: action 0 gives (3, 0), action 1 gives (0, 3), and 2 gives (2, 2) on average."""
     count = 400
     angles = stratified_angles(SMALL, count, rng)
@@ -73,7 +73,7 @@ def test_fast_greedy_actions_are_those_of_the_dial_at_each_angle():
     batch.reset(np.arange(30, dtype=np.uint64))
     seen = np.column_stack([batch.observation, batch.time])
     angles = np.repeat([0.0, 40.0, 90.0], 10)
-    acted = greedy(dial)(np.column_stack([seen, angles]).astype(np.float32))
+    acted = Greedy(dial)(np.column_stack([seen, angles]).astype(np.float32))
     wanted = [
         dial.at(angle).predict(row)[0] for angle, row in zip(angles.tolist(), seen, strict=True)
     ]
@@ -100,9 +100,9 @@ def test_rounds_that_fill_the_ring_label_the_given_dial_alone(tmp_path):
     start, calls = DialPolicy.load(tmp_path / "start.safetensors"), []
     observations = np.column_stack([np.ones(90), np.linspace(0.0, 90.0, 90)]).astype(np.float32)
 
-    def recorded(follow, visit, rng):
+    def recorded(follow, share, rng):
         calls.append(follow(observations))
-        return choice(follow, visit, rng)
+        return choice(follow, share, rng)
 
     once = dataclasses.replace(SMALL, first_rounds=2, replay_capacity=800)
     still = dataclasses.replace(NUMBERS, learning_rate=1e-9, final_learning_rate=1e-9)
@@ -152,7 +152,7 @@ def line(count):
     def follows(policy):
         return lambda seen: policy(at_no_angle(seen))
 
-    def label(follow, _visit, rng):
+    def label(follow, _share, rng):
         place = rng.integers(LENGTH, size=count)
         walks = [walk(place, np.full(count, a), follows(follow)) for a in (LEFT, RIGHT)]
         env = np.stack(walks, axis=1)
@@ -164,7 +164,7 @@ def line(count):
 def hidden_coin(count):
     """One observation. Action 0 gives 1; action 1 gives 4 or -6 by a coin that isn't observed."""
 
-    def label(_follow, _visit, rng):
+    def label(_follow, _share, rng):
         heads = rng.random(count) < 0.6
         env = np.stack([np.ones(count), np.where(heads, 4.0, -6.0)], axis=1)
         return Labelled(at_no_angle(np.ones((count, 1))), RewardPair(env, np.zeros_like(env)))

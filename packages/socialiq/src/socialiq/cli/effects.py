@@ -3,7 +3,7 @@
 import contextlib
 import functools
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,7 +40,7 @@ from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
-from socialiq.policies.drivers import parse, schema_of, showing
+from socialiq.policies.drivers import parse, schema_of, shipped_at, showing
 from socialiq.policies.interface import Loaded
 from socialiq.policies.load import name_of
 from socialiq.results_folder import as_csv, versions
@@ -82,7 +82,8 @@ class EffectsOf(Printing):
     delay is exact, in cells: crossing5, crossing7 or crosswalk7."""
     _: KW_ONLY
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them."""
+    """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them; by default
+    on a road the driver that ships, at each --angle or at 45 degrees."""
     angle: tuple[float, ...] = ()
     """Angles of dials, in degrees; by default 0, 15, ..., 90."""
     episodes: int = 1000
@@ -105,11 +106,9 @@ class EffectsOf(Printing):
     def result(self) -> Result:
         """Drive, write the folder."""
         check_seed(self.seed)
-        written = self.road.written(self.world, self.policy)
+        written = self.road.written(self.world, self._named)
         if not (written.is_built or written.in_sumo or names_file(written.name)):
             one_of("world", written.name, (*NAMES, *SUMO_IDS))
-        if not self.policy:
-            raise UserError("no driver is named: add --policy FILE, or a rule as --policy go")
         if self.angle and all(angle is None for _, angle in self.drivers()):
             raise UserError("--angle is of dials: name a dial's file by --policy, or leave it out")
         if self.out:
@@ -131,7 +130,7 @@ class EffectsOf(Printing):
                         folder / "effects.png", style.png({"": effects_figure(rows)})[""]
                     )
         names = [name for name in PRINTED if name in rows[0]]
-        short = {name: Path(name).name for name in map(name_of, self.policy)}
+        short = {name: Path(name).name for name in map(name_of, self._named)}
         if len({*short.values()}) == len(short):  # paths would be broken over lines
             rows = [row | {"policy": short[row["policy"]]} for row in rows]
         short_rows = [{name: row[name] for name in names} for row in rows]
@@ -224,16 +223,21 @@ class EffectsOf(Printing):
             rows.append(row | {"arrival": metrics.arrival})
         return rows, {"unit": "cells"}
 
+    @property
+    def _named(self) -> Sequence[str]:
+        """The drivers, or the one that ships."""
+        return self.policy or shipped_at(self.world, self.angle)
+
     def drivers(self) -> Iterator[tuple[str, float | None]]:
         """Yield name and angle of every driver; a dial is one at each angle."""
-        for name in self.policy:
+        for name in self._named:
             dial = dial_of(name, self.world)
             if dial is None:
                 yield name, None
                 continue
             driver = parse(name)
             if driver.angle is not None:
-                for angle in self.angle:
+                for angle in self.angle if self.policy else ():
                     driver.at(angle)
                 yield name, driver.angle
                 continue

@@ -29,7 +29,7 @@ from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
 from socialiq.learners.settings import check_seed
 from socialiq.policies.card import trained_angle
-from socialiq.policies.drivers import parse, world_for
+from socialiq.policies.drivers import parse, shipped_at, world_for
 from socialiq.policies.interface import Record
 from socialiq.policies.load import name_of
 from socialiq.social.angle import angle_of, check_angle
@@ -65,8 +65,9 @@ class Evaluate(Printing):
     Example: socialiq evaluate run/policy_angle45.safetensors --world crossing7 --angle 45
     """
 
-    policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Policy files, of `socialiq train`."""
+    policies: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Policy files, of `socialiq train`; by default on a road the driver that ships, at --angle or
+    45 degrees."""
     world: str = "crossing7"
     """crossing5, crossing7, crosswalk7, intersection, intersection-crosswalk (at a class angle:
     -crosswalk-60), intersection-continuous,
@@ -126,8 +127,6 @@ class Evaluate(Printing):
                 "--angle-rule is exact, in a gridworld without --episodes: at the intersection "
                 "`socialiq audit` measures it"
             )
-        if not self.policies:
-            raise UserError("no policy: name at least one file that `socialiq train` wrote")
         if self.road.fallback and (self.soft or self.processes):
             raise UserError("--fallback goes without --soft and --processes")
         if self.data is not None:
@@ -143,7 +142,7 @@ class Evaluate(Printing):
             return Result(rows[0], listed(rows[0]))
         columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
         columns = (*columns, "length", "target_angle", "regret")
-        names = [Path(name_of(policy)).name for policy in self.policies]
+        names = [Path(name_of(policy)).name for policy in self._policies]
         table = [{"policy": name} | row for name, row in zip(names, rows, strict=True)]
         short = [{key: row[key] for key in columns if key in row} for row in table]
         numbers = {"policies": rows, "pooled": pool(rows, targets)}
@@ -168,8 +167,16 @@ class Evaluate(Printing):
 
     @property
     def _policies(self) -> list[Any]:
-        """Drivers as text, or as objects that a function got."""
-        return [str(path) if isinstance(path, Path) else path for path in self.policies]
+        """Drivers as text, or as objects that a function got.
+
+        Raises:
+            UserError: If there is none, and the driver that ships can't drive there.
+        """
+        if self.policies:
+            return [str(path) if isinstance(path, Path) else path for path in self.policies]
+        if self.data is not None:
+            raise UserError("no policy: name at least one file that `socialiq train` wrote")
+        return shipped_at(self.world, () if self.angle is None else (self.angle,))
 
     @property
     def _seeds(self) -> range:

@@ -8,7 +8,9 @@ them by rollouts of every action, and adds them to the ring that the network is 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -16,6 +18,7 @@ import numpy as np
 
 from socialiq.driver_training.mixture import world_of_seed
 from socialiq.evaluation import road_training
+from socialiq.evaluation.parts import Workers
 from socialiq.learners import policy_iteration
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained
@@ -54,36 +57,53 @@ SIZES = N_FEATURES, N_ACTIONS
 
 WORLDS = 8  # of a chunk of updates
 ROUNDS = 20  # decisions of its episodes at which states are labelled
+_EPISODES = 1  # stream of a seed's random numbers that draws episodes, not the world
 
 
-def labeller(structure: DialIterationConfig) -> Labeller:
+def labeller(structure: DialIterationConfig, workers: Workers | None = None) -> Labeller:
     """Return the labeller of a run over the mixture.
 
     Args:
         structure: Structure of the iteration, with both angles.
+        workers: Processes among which the worlds are split; None: this one.
 
     Returns:
-        A function of the policies that copies and episodes follow, and of the random numbers. It
-        draws `WORLDS` worlds and returns equal shares of their states, a chunk of updates in all.
+        A `policy_iteration.Labeller`. It draws `WORLDS` worlds and returns equal shares of their
+        states, a chunk of updates in all. The labels of a world depend on its seed alone, so they
+        are the same for any number of workers.
     """
-    states = -(-road_training.CHUNK * structure.states_per_update // WORLDS)
+    chunk = road_training.CHUNK * structure.states_per_update
+    states = -(-chunk // WORLDS)
 
-    def label(follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
-        seeds = rng.integers(2**63, size=WORLDS)
-        policies = follow, visit
-        worlds = [world_of_seed(int(seed)) for seed in seeds]
-        labelled = [label_world(structure, world, states, policies, rng) for world in worlds]
-        chunk = road_training.CHUNK * structure.states_per_update
+    def label(follow: Act, share: float, rng: np.random.Generator) -> Labelled:
+        seeds = rng.integers(2**63, size=WORLDS).tolist()
+        label_one = partial(label_world_of_seed, structure, states, (follow, share))
+        labelled = workers(label_one, seeds) if workers else list(map(label_one, seeds))
         return jax.tree.map(lambda *columns: np.concatenate(columns)[:chunk], *labelled)
 
     return label
+
+
+def label_world_of_seed(
+    structure: DialIterationConfig, states: int, policy: tuple[Act, float], seed: int
+) -> Labelled:
+    """Return labelled states of the world of training that a seed draws.
+
+    Args:
+        structure: Structure of the iteration, with both angles.
+        states: Number of states.
+        policy: Policy that copies follow, and its share of random actions.
+        seed: Seed of the world, its episodes and their angles.
+    """
+    rng = np.random.default_rng([_EPISODES, seed])
+    return label_world(structure, world_of_seed(seed), states, policy, rng)
 
 
 def label_world(
     structure: DialIterationConfig,
     text: str,
     states: int,
-    policies: tuple[Act, Act],
+    policy: tuple[Act, float],
     rng: np.random.Generator,
 ) -> Labelled:
     """Return labelled states of new episodes of a world.
@@ -92,7 +112,8 @@ def label_world(
         structure: Structure of the iteration, with both angles.
         text: The world.
         states: Number of states.
-        policies: Policy that copies follow, and policy that visits states.
+        policy: Policy that copies follow, and the share of random actions with which it visits
+            states.
         rng: Random numbers of the episodes and their angles.
 
     Returns:
@@ -105,7 +126,7 @@ def label_world(
         world = world.with_parts()
     batch = world.batch(-(-states // ROUNDS))
     label: Any = road_training.label_fleets if is_fleet else road_training.label_states
-    labelled = label(structure, batch, states, False, policies, rng)
+    labelled = label(structure, batch, states, False, policy, rng)
     social = labelled.returns.social
     if not isinstance(social, ByClass):
         social = ByClass(social, np.zeros_like(social))
@@ -117,6 +138,7 @@ def train(
     runs: Sequence[IterationHyperparameters],
     callbacks: Callbacks | None = None,
     start: ClassDial | None = None,
+    processes: int = 0,
 ) -> Trained:
     """Train a driver for each entry of `runs`, as `policy_iteration.train`.
 
@@ -125,6 +147,7 @@ def train(
         runs: Numbers of each run.
         callbacks: Progress, monitor, checkpoint.
         start: Driver that every run begins with, for a second stage; None: a new network.
+        processes: Number of processes that label states; 0: this one. The result is the same.
 
     Returns:
         The trained runs.
@@ -133,6 +156,7 @@ def train(
         UserError: If there is no run, or `start` has another network.
         Stopped: On Ctrl-C.
     """
-    labellers = [labeller(structure)] * len(runs)
-    chunk = road_training.CHUNK
-    return policy_iteration.train(structure, runs, labellers, SIZES, callbacks, chunk, start)
+    with Workers(processes) if processes else nullcontext() as workers:
+        labellers = [labeller(structure, workers)] * len(runs)
+        chunk = road_training.CHUNK
+        return policy_iteration.train(structure, runs, labellers, SIZES, callbacks, chunk, start)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -51,39 +52,57 @@ def blocks_of(seeds: Sequence[int] | np.ndarray, processes: int) -> list[np.ndar
     return np.array_split(np.asarray(seeds), max(1, min(_EACH * processes, len(seeds))))
 
 
-def in_parts(
-    play: Callable[[Part], Result],
-    parts: Sequence[Part],
-    processes: int,
-    on_report: Callable[[Report], None] | None = None,
-) -> list[Result]:
-    """Call a function on each part, each in one of some processes; return the results in order.
+class Workers:
+    """Processes that call a function on parts, each with one thread of linear algebra.
 
-    Args:
-        play: Function of a module; it and the parts are sent to the processes.
-        parts: Its arguments.
-        processes: Number of processes, each with one thread of linear algebra.
-        on_report: Called with the progress after each part.
-
-    Raises:
-        UserError: If a part fails, or its process ends. The other processes are stopped, as they
-            are on Ctrl-C.
+    They start with the first call and end with the context. They don't act on Ctrl-C, which their
+    parent answers.
     """
-    context = multiprocessing.get_context("spawn")
-    begun = time.monotonic()
-    with _one_thread(), ProcessPoolExecutor(min(processes, len(parts)), context) as pool:
-        tasks = [pool.submit(play, argument) for argument in parts]
-        pool.submit(int)  # wakes the pool, or it would not notice if the last process ended
+
+    def __init__(self, processes: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(processes, context, _leave_interrupts)
+
+    def __enter__(self) -> Workers:
+        """Return the workers."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the processes, after what they are doing."""
+        self._pool.shutdown()
+
+    def __call__(
+        self,
+        play: Callable[[Part], Result],
+        parts: Sequence[Part],
+        on_report: Callable[[Report], None] | None = None,
+    ) -> list[Result]:
+        """Call a function on each part; return the results in order.
+
+        Args:
+            play: Function of a module; it and the parts are sent to the processes.
+            parts: Its arguments.
+            on_report: Called with the progress after each part.
+
+        Raises:
+            UserError: If a part fails, or its process ends. All processes are then stopped, as they
+                are on Ctrl-C.
+        """
+        begun = time.monotonic()
         try:
-            for finished, task in enumerate(as_completed(tasks), 1):
-                task.result()
-                if on_report is not None:
-                    seconds = (time.monotonic() - begun) / finished
-                    left = seconds * (len(parts) - finished)
-                    rate = 60.0 / seconds
-                    on_report(Report(finished, len(parts), rate, left, {}, {}, (), "parts/min"))
+            with _one_thread():
+                tasks = [self._pool.submit(play, argument) for argument in parts]
+                # wakes the pool, or it would not notice if the last process ended
+                self._pool.submit(int)
+                for finished, task in enumerate(as_completed(tasks), 1):
+                    task.result()
+                    if on_report is not None:
+                        seconds = (time.monotonic() - begun) / finished
+                        left = seconds * (len(parts) - finished)
+                        rate = 60.0 / seconds
+                        on_report(Report(finished, len(parts), rate, left, {}, {}, (), "parts/min"))
         except BaseException as error:
-            pool.shutdown(wait=False, cancel_futures=True)
+            self._pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.terminate()
             if isinstance(error, UserError) or not isinstance(error, Exception):
@@ -93,6 +112,35 @@ def in_parts(
             line = " ".join(f"{type(error).__name__}: {error}".split())
             raise UserError(f"a part of the episodes failed: {line}") from error
         return [task.result() for task in tasks]
+
+
+def in_parts(
+    play: Callable[[Part], Result],
+    parts: Sequence[Part],
+    processes: int,
+    on_report: Callable[[Report], None] | None = None,
+) -> list[Result]:
+    """Call a function on each part in some processes, which end with it; see `Workers`.
+
+    Args:
+        play: Function of a module; it and the parts are sent to the processes.
+        parts: Its arguments.
+        processes: Number of processes.
+        on_report: Called with the progress after each part.
+
+    Returns:
+        The results in order.
+
+    Raises:
+        UserError: If a part fails, or its process ends.
+    """
+    with Workers(min(processes, len(parts))) as workers:
+        return workers(play, parts, on_report)
+
+
+def _leave_interrupts() -> None:
+    """Ignore Ctrl-C, which reaches all processes of a terminal."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextlib.contextmanager

@@ -262,14 +262,14 @@ def dial_labeller(
         clock: Whether observations end with the time, before the angle.
 
     Returns:
-        A function of the policies that copies and episodes follow, and of the random numbers. It
-        returns the states of a chunk of updates, with the sums of rewards of each action.
+        A `policy_iteration.Labeller`. It returns the states of a chunk of updates, with the sums
+        of rewards of each action.
     """
     states = CHUNK * structure.states_per_update
     batch: Any = world.batch(min(environments, states))
 
-    def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
-        return label_states(structure, batch, states, clock, (follow, visit), rng)
+    def label(follow: Act, share: float, rng: np.random.Generator) -> policy_iteration.Labelled:
+        return label_states(structure, batch, states, clock, (follow, share), rng)
 
     return label
 
@@ -279,7 +279,7 @@ def label_states(
     batch: Any,
     states: int,
     clock: bool,
-    policies: tuple[Act, Act],
+    policy: tuple[Act, float],
     rng: np.random.Generator,
 ) -> policy_iteration.Labelled:
     """Return labelled states of new episodes, each of which has its angle.
@@ -289,13 +289,15 @@ def label_states(
         batch: Episodes of one vehicle, which begin again.
         states: Number of states.
         clock: Whether observations end with the time, before the angle.
-        policies: Policy that copies follow, and policy that visits states.
+        policy: Policy that copies follow, and the share of random actions with which it visits
+            states.
         rng: Random numbers of the episodes and their angles.
 
     Returns:
         The states, with the sums of rewards of each action.
     """
-    follow, visit = policies
+    follow, share = policy
+    visit = policy_iteration.exploring(follow, share, batch.n_actions, rng)
     batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
     angles = drawn_angles(structure, batch.size, rng)
     labelled = []
@@ -364,8 +366,8 @@ def shifted(
         of_world = dataclasses.replace(structure, states_per_update=states)
         labellers.append(dial_labeller(of_world, world, beside, clock))
 
-    def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
-        labelled = [labeller(follow, visit, rng) for labeller in labellers]
+    def label(follow: Act, explored: float, rng: np.random.Generator) -> policy_iteration.Labelled:
+        labelled = [labeller(follow, explored, rng) for labeller in labellers]
         return jax.tree.map(lambda *columns: np.concatenate(columns), *labelled)
 
     return start, structure, label
@@ -395,8 +397,8 @@ def fleet_labeller(
     states = CHUNK * structure.states_per_update
     batch = world.batch(min(environments, states))
 
-    def label(follow: Act, visit: Act, rng: np.random.Generator) -> policy_iteration.Labelled:
-        return label_fleets(structure, batch, states, clock, (follow, visit), rng)
+    def label(follow: Act, share: float, rng: np.random.Generator) -> policy_iteration.Labelled:
+        return label_fleets(structure, batch, states, clock, (follow, share), rng)
 
     return label
 
@@ -406,7 +408,7 @@ def label_fleets(
     batch: Any,
     states: int,
     clock: bool,
-    policies: tuple[Act, Act],
+    policy: tuple[Act, float],
     rng: np.random.Generator,
 ) -> policy_iteration.Labelled:
     """Return labelled states of one agent of each of new fleets; see `fleet_labeller`.
@@ -416,13 +418,15 @@ def label_fleets(
         batch: Fleets, which begin again.
         states: Number of states.
         clock: Whether observations end with the time, before the angle.
-        policies: Policy that all agents of copies follow, and policy that visits states.
+        policy: Policy that all agents of copies follow, and the share of random actions with which
+            it visits states.
         rng: Random numbers of the fleets, their angles and the labelled agents.
 
     Returns:
         The states, with the sums of rewards of each action.
     """
-    follow, visit = policies
+    follow, share = policy
+    visit = policy_iteration.exploring(follow, share, batch.n_actions, rng)
     batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
     angles = drawn_angles(structure, math.prod(batch.shape), rng)
     angles = angles.reshape(*batch.shape, *angles.shape[1:])

@@ -139,10 +139,12 @@ def _values(option: str, value: Any, column: str) -> list[_Value]:
             _Value(option, policy, f"{option}{run}", cells[run])
             for run, policy in enumerate(value.trained)
         ]
-    if not column or not isinstance(value, list | tuple | range | np.ndarray):
+    if not isinstance(value, list | tuple | range | np.ndarray):
         return []
     if len(value) == 0:
         raise UserError(f"{option} is empty: give at least one value")
+    if not column:
+        return []
     values = []
     for position, content in enumerate(value):
         content = text_of(content) if isinstance(content, World) else content

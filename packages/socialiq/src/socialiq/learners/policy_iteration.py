@@ -156,9 +156,9 @@ class Labelled(NamedTuple):
     returns: RewardPair
 
 
-Labeller = Callable[[Act, Act, np.random.Generator], Labelled]
-"""Given the policy that rollouts follow, the one that visits states, and random numbers, returns
-labelled states, as many for each chunk."""
+Labeller = Callable[[Act, float, np.random.Generator], Labelled]
+"""Given the policy that rollouts follow, the share of random actions with which it visits states
+(`exploring`), and random numbers, returns labelled states, as many for each chunk."""
 
 
 def expected_return(
@@ -354,18 +354,12 @@ class LabelCollector(BaseCollector):
 
     def _labelled(self, runs: Runs, run: int, done: int, rng: np.random.Generator) -> Labelled:
         static = self._learner.static
-        n_actions = self._learner.sizes[1]
         network = network_of(runs.state.target_network, run)
         current = kind_of_dial(static).of(network, 1.0, static.low, static.high, {})
-        follow = greedy(self._improved or current)
+        follow = Greedy(self._improved or current)
         share = self._numbers[run].exploring(done / static.updates)
-
-        def visit(observation: np.ndarray) -> np.ndarray:
-            random = rng.integers(n_actions, size=len(observation))
-            return np.where(rng.random(len(observation)) < share, random, follow(observation))
-
         rounds = 1 if done else static.first_rounds
-        labelled = [self._labellers[run](follow, visit, rng) for _ in range(rounds)]
+        labelled = [self._labellers[run](follow, share, rng) for _ in range(rounds)]
         return jax.tree.map(
             lambda *columns: jnp.asarray(np.concatenate(columns), jnp.float32), *labelled
         )
@@ -376,28 +370,47 @@ def kind_of_dial(static: DialIterationConfig) -> Any:
     return ClassDial if static.classes else DialPolicy
 
 
-def greedy(dial: DialPolicy | ClassDial) -> Act:
-    """Return a dial's greedy actions, of observations that end with their angles in degrees.
+class Greedy:
+    """A dial's greedy actions, of observations that end with their angles in degrees.
 
     A pooled view encodes the present vehicles alone, which is faster.
     """
-    view = dial.turned.view
-    layers = dataclasses.replace(dial.turned, view=None)
-    encode: Any = view
-    classes = isinstance(dial, ClassDial)
-    knots = getattr(dial, "knots", ())
-    if isinstance(view, View) and view.choice.pooled:
-        encode = PresentRows(view)
 
-    def act(observation: np.ndarray) -> np.ndarray:
-        features, direction = _turned(observation, classes)
-        columns = [encode(features) if encode else features, *angle_columns(direction, knots)]
-        outputs = layers.q_values(np.concatenate(columns, axis=-1))
-        if dial.pairs:
+    def __init__(self, dial: DialPolicy | ClassDial) -> None:
+        self._layers = dataclasses.replace(dial.turned, view=None)
+        view = dial.turned.view
+        pooled = isinstance(view, View) and view.choice.pooled
+        self._encode: Any = PresentRows(view) if pooled else view
+        self._classes = isinstance(dial, ClassDial)
+        self._knots = getattr(dial, "knots", ())
+        self._pairs = dial.pairs
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Return the actions, (batch,)."""
+        features, direction = _turned(observation, self._classes)
+        encoded = self._encode(features) if self._encode else features
+        columns = [encoded, *angle_columns(direction, self._knots)]
+        outputs = self._layers.q_values(np.concatenate(columns, axis=-1))
+        if self._pairs:
             form = jax.tree.structure(direction)
             values = np.split(outputs, form.num_leaves, axis=1)
             outputs = score(_of_rows(direction), jax.tree.unflatten(form, values))
         return outputs.argmax(axis=1)
+
+
+def exploring(follow: Act, share: float, n_actions: int, rng: np.random.Generator) -> Act:
+    """Return a policy that takes random actions in a share of its decisions.
+
+    Args:
+        follow: Policy of all other decisions.
+        share: Share of random actions.
+        n_actions: Number of actions.
+        rng: Random numbers.
+    """
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        random = rng.integers(n_actions, size=len(observation))
+        return np.where(rng.random(len(observation)) < share, random, follow(observation))
 
     return act
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +27,7 @@ from socialiq.types import OBSERVATION, ROWS
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, ROADS
 from socialiq.worlds.files import names_file
+from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.observation import ROUTE
 from socialiq.worlds.highway.shifts import OR
 from socialiq.worlds.intersection import atlas
@@ -172,9 +173,31 @@ def world_for(world: str, drivers: Iterable[Any]) -> str:
             f"{one_line(name_of(along[0]))} drives on roads, at recorded junctions and in SUMO, "
             f"not in {written.name}: choose one of {', '.join(ROADS)}"
         )
-    if not (written.name in ROADS or written.in_sumo or of_file):
+    if not _has_routes(written):
         return world
     return world if "observation" in written.options else f"{world},observation=route"
+
+
+def shipped_at(world: str, angles: Sequence[float]) -> list[str]:
+    """Return the driver that ships at each angle, for a command that names no driver.
+
+    Args:
+        world: The world.
+        angles: Angles in degrees; none for 45.
+
+    Raises:
+        UserError: If it can't drive in the world.
+    """
+    if not _has_routes(grammar.parse(world)):
+        raise UserError(
+            f"no driver is named: name a file that `socialiq train` wrote, or a rule of {world}"
+        )
+    return [f"{DRIVER}@{angle:g}" for angle in angles or (45.0,)]
+
+
+def _has_routes(written: Written) -> bool:
+    """Return whether a world has roads on which the driver that ships can drive."""
+    return written.name in ROADS or written.in_sumo or names_file(written.name)
 
 
 def _degrees(text: str, driver: str) -> float:

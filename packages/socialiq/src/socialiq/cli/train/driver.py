@@ -9,6 +9,7 @@ from socialiq.cli.train.dial import finish_dials
 from socialiq.driver_training import training
 from socialiq.driver_training.mixture import world_of_seed
 from socialiq.errors import UserError
+from socialiq.evaluation.parts import check_processes
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.class_dial import ClassDial
 from socialiq.types import Row
@@ -43,11 +44,14 @@ class Driver(shared.Training):
     the regression at the beginning."""
     seed: tuple[int, ...] = (0,)
     """Training seeds, a dial each."""
+    processes: int = 0
+    """Processes that label states; 0: this one. The dial is the same."""
     options: shared.Run = field(default_factory=shared.RunOptions)
 
     def result(self) -> Policies:
         """Train and write the folder."""
         check_seeds(self.seed)
+        check_processes(self.processes)
         if not 0 < self.hours <= MOST_HOURS:
             raise UserError(f"--hours {self.hours:g}: give more than 0, at most {MOST_HOURS:g}")
         settings: Row = {"updates": max(round(self.hours * UPDATES_OF_AN_HOUR), 1)}
@@ -61,5 +65,5 @@ class Driver(shared.Training):
         runs = [replace(numbers, seed=seed) for seed in self.seed]
         folder = shared.RunFolder(self.out, "dial", self.options, schema=ROUTE)
         with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
-            trained = training.train(static, runs, callbacks, first)
+            trained = training.train(static, runs, callbacks, first, self.processes)
         return finish_dials(folder, trained, {}, grammar.build(world_of_seed(0)))
