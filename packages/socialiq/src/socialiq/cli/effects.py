@@ -82,8 +82,8 @@ class EffectsOf(Printing):
     delay is exact, in cells: crossing5, crossing7 or crosswalk7."""
     _: KW_ONLY
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them; by default
-    on a road the driver that ships, at each --angle or at 45 degrees."""
+    """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them; by
+    default on a road the driver that ships, at each --angle or at 45 degrees."""
     angle: tuple[float, ...] = ()
     """Angles of dials, in degrees; by default 0, 15, ..., 90."""
     episodes: int = 1000
