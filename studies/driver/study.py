@@ -62,7 +62,7 @@ ROUTE = ",observation=route"
 OWN_EXIT = {"shifts": "+known,exit=own"}
 """Front end of dials that were trained behind one."""
 HITS = tuple(f"signal_{user.name}_hit" for user in ROAD_USERS)
-MEASURES = ("r_env", "r_eq_4_2", "delay", "arrival", "collision", *HITS)
+MEASURES = ("r_env", "r_eq_4_2", "r_caused", "delay", "arrival", "collision", *HITS)
 KINDS = {
     "training": "road",
     "held out": "road",
@@ -161,7 +161,7 @@ def meet(config: Meeting, folder: Path, inputs: Inputs, _on_progress: ProgressCa
 
 
 @dataclass(frozen=True)
-class Doubt:
+class UnlikenessRun:
     """Worlds of training that the score of unlikeness is fitted to, and those that it is asked in.
 
     One half of the worlds of training fits mean and covariance, the other one the threshold.
@@ -173,7 +173,9 @@ class Doubt:
     seeds: tuple[int, ...]
 
 
-def doubt(config: Doubt, folder: Path, inputs: Inputs, _on_progress: ProgressCallback) -> None:
+def unlikeness(
+    config: UnlikenessRun, folder: Path, inputs: Inputs, _on_progress: ProgressCallback
+) -> None:
     """Write the share of decisions that are unlike training for each world.
 
     Args:
@@ -200,15 +202,15 @@ def _features(policy: QPolicy, world: str, seeds: tuple[int, ...]) -> np.ndarray
     return policy.features(observations_of(batch, policy, seeds))
 
 
-def doubted(config: Any) -> Doubt:
+def unlikeness_run(config: Any) -> UnlikenessRun:
     """Return the worlds of the score: situations without people, and roads of each kind."""
     worlds = map(world_of_seed, range(FIRST_WORLD, FIRST_WORLD + 100 * config.training_worlds))
     training = [world for world in worlds if "agents" not in world][: config.training_worlds]
     situations = [SITUATIONS[name] for name in (*config.intersections, *config.others)]
     asked = [world for world in situations if not (make(world).walks or _known(world))]
     asked += [world for _, world in roads(config)]
-    seeds = seeds_of_blocks((config.first_episode,), config.doubt_episodes)
-    return Doubt(45.0, tuple(training), tuple(world + ROUTE for world in asked), seeds)
+    seeds = seeds_of_blocks((config.first_episode,), config.unlikeness_episodes)
+    return UnlikenessRun(45.0, tuple(training), tuple(world + ROUTE for world in asked), seeds)
 
 
 def jobs(config: Any) -> list[Job]:
@@ -227,17 +229,22 @@ def jobs(config: Any) -> list[Job]:
         world = f"intersection,agents={config.fleet},duration={fleet.DURATION:g}"
         meeting = Meeting(world + ROUTE * (name == DRIVER), config.angles, seeds)
         listed.append(Job(f"fleets/{name}", meet, meeting, (f"dials/{name}",), 60.0))
-    listed.append(Job("doubt", doubt, doubted(config), (f"dials/{DRIVER}",), 120.0))
+    listed.append(
+        Job("unlikeness", unlikeness, unlikeness_run(config), (f"dials/{DRIVER}",), 120.0)
+    )
     return listed
 
 
 def _means(episodes: np.ndarray, angle: float) -> Row:
-    """Return means over episodes, (episode, measure): J(α) of Eq 4.2, shares, metres."""
+    """Return means over episodes, (episode, measure): J(α) of both rewards, shares, metres."""
     row = dict(zip(MEASURES, episodes.mean(axis=0).tolist(), strict=True))
-    pair = RewardPair(row["r_env"], row["r_eq_4_2"])
     row["hit"] = sum(row.pop(name) for name in HITS)
     row["collision"] += row["hit"]
-    return {"value": float(score(exact_weights(angle), pair))} | row
+    values = {
+        name: float(score(exact_weights(angle), RewardPair(row["r_env"], row[social])))
+        for name, social in (("value", "r_eq_4_2"), ("value_caused", "r_caused"))
+    }
+    return values | row
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
@@ -279,7 +286,7 @@ def compute_tables(config: Any, context: Context) -> Findings:
             for name in (DRIVER, *fitting(config, "intersection"))
             for row in from_csv(context.work / f"fleets/{name}" / FLEETS)
         ],
-        "unlikeness": from_csv(context.work / "doubt" / ALARMS),
+        "unlikeness": from_csv(context.work / "unlikeness" / ALARMS),
     }
     at_intersections = [row for row in situations if row["situation"] in config.intersections]
     summary: dict[str, Any] = {
