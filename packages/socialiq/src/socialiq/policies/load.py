@@ -30,7 +30,7 @@ from socialiq.policies.interface import (
 )
 from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
-from socialiq.policies.sb3_load import read_sb3
+from socialiq.policies.sb3_load import read_sb3, statistics_near
 from socialiq.reading import path_of, sha256_of
 from socialiq.storage import content_hash, kind_of, load_arrays
 from socialiq.types import OBSERVATION, ROWS, Policy
@@ -143,10 +143,8 @@ def _load_file(
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
     if suffix == ".zip":
-        places = (path.parent, path.with_suffix(""))
-        beside = [file.name for place in places for file in place.glob("*[vV]ec*[nN]ormalize*")]
         kind = "sb3"
-        policy, details = read_sb3(content, source, world, *beside[:1])
+        policy, details = read_sb3(content, source, world, statistics_near(path))
     elif suffix == ".onnx":
         kind = "onnx"
         policy, details = read_onnx(content, source, world)
