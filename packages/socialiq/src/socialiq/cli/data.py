@@ -396,6 +396,8 @@ class ToMinari(Printing):
 class FromMinari(_Reader):
     """Read a Minari data set (HDF5) as demonstrations; no environment is made.
 
+    The reward pair is infos/reward_vector, or rewards of two numbers a step: r_env and r_social.
+
     Example: socialiq data from-minari crossing7-v0 --out mixed.safetensors
     """
 
