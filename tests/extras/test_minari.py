@@ -277,7 +277,7 @@ def test_rewards_of_two_numbers_a_step_are_the_pair(written, table):
 
 WHOLE = {
     "Discrete": ({"start": 2, "n": 5}, lambda steps: steps % 5 + 2),
-    "MultiBinary": ({"n": [2, 3]}, lambda steps: (steps[:, None] // 2 ** np.arange(6) % 2)),
+    "MultiBinary": ({"n": [2, 3]}, lambda steps: steps[:, None] // 2 ** np.arange(6) % 2),
     "MultiDiscrete": (
         {"dtype": "int64", "nvec": [3, 2], "start": [0, 1]},
         lambda steps: np.stack([steps % 3, steps % 2 + 1], axis=1),

@@ -238,7 +238,9 @@ def _facts(text: Any) -> dict[str, Any]:
     try:
         info = json.loads(text) if isinstance(text, str) else {}
     except (ValueError, RecursionError) as error:
-        raise UserError("infos holds a text that is no JSON: save the trajectories again") from error
+        raise UserError(
+            "infos holds a text that is no JSON: save the trajectories again"
+        ) from error
     facts = {name: info[name] for name in _FACTS if isinstance(info, dict) and name in info}
     pair = facts.get("reward_pair", [0.0, 0.0])
     if not isinstance(pair, list) or not all(type(value) in (int, float) for value in pair):

@@ -13,7 +13,6 @@ from socialiq.foreign import FAILURES, failure, one_line
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending, RewardPair
 
-
 FlatSpace = spaces.Box | spaces.Discrete | spaces.MultiBinary | spaces.MultiDiscrete
 """Kinds of observations that become one vector of numbers (`flat`)."""
 
