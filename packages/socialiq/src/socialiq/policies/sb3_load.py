@@ -139,7 +139,7 @@ def _is_statistics(entry: os.DirEntry[str]) -> bool:
     if suffix not in _PICKLES:
         return False
     try:
-        with open(entry, "rb") as file:
+        with Path(entry).open("rb") as file:
             return _STATISTICS_CLASS in file.read(256)
     except OSError:
         return False
