@@ -12,6 +12,7 @@ pytest.importorskip("h5py", reason="extra `minari` is not installed")
 
 import h5py
 import minari
+from minari.serialization import deserialize_space
 
 from socialiq.cli.main import main
 from socialiq.datasets import hdf5
@@ -20,6 +21,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
+from socialiq.worlds import wrapper
 
 # Minari's own: authors that are not named, a temporary folder that it forgets.
 OF_MINARI = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::ResourceWarning")
@@ -251,6 +253,78 @@ def refused(folder, match, **options):
         read_minari(folder, **options)
     text = str(caught.value)
     assert "\n" not in text and text.isprintable() and len(text) < 500
+
+
+def test_rewards_of_two_numbers_a_step_are_the_pair(written, table):
+    told(written, socialiq=None)
+
+    def paired(file):
+        for group in file.values():
+            pair = group["infos/reward_vector"][1:]
+            del group["infos"]
+            replace(group, "rewards", pair)
+
+    changed(written, paired)
+    back = read_minari(written)
+    assert np.array_equal(back.rewards.env, table.rewards.env)
+    assert np.array_equal(back.rewards.social, table.rewards.social) and back.rewards.social.any()
+    name = "episode_0/rewards"
+    changed(written, lambda file: replace(file, name, file[name][:, 0]))
+    refused(written, "in some episodes only")
+    changed(written, lambda file: replace(file, name, np.zeros((len(file[name]), 3))))
+    refused(written, r"where \((\d+),\) or \(\1, 2\) is due")
+
+
+WHOLE = {
+    "Discrete": ({"start": 2, "n": 5}, lambda steps: steps % 5 + 2),
+    "MultiBinary": ({"n": [2, 3]}, lambda steps: steps[:, None] // 2 ** np.arange(6) % 2),
+    "MultiDiscrete": (
+        {"dtype": "int64", "nvec": [3, 2], "start": [0, 1]},
+        lambda steps: np.stack([steps % 3, steps % 2 + 1], axis=1),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", WHOLE)
+def test_whole_numbers_are_the_features_of_an_environment_of_their_space(written, kind):
+    words, values = WHOLE[kind]
+    described = {"type": kind, **words}
+    told(written, socialiq=None, observation_space=json.dumps(described))
+    space = deserialize_space(json.dumps(described))
+
+    def whole(file):
+        for group in file.values():
+            seen = values(np.arange(len(group["actions"]) + 1))
+            replace(group, "observations", seen.reshape(-1, *space.shape))
+
+    changed(written, whole)
+    table = read_minari(written)
+    seen = values(np.arange(table.episode_lengths[0])).reshape(-1, *space.shape)
+    expected = [gymnasium.spaces.flatten(space, row) for row in seen]
+    np.testing.assert_array_equal(table.observation[: len(seen)], expected)
+    assert table.n_features == wrapper.flat_space(space).shape[0]
+
+
+@pytest.mark.parametrize(
+    ("space", "match"),
+    [
+        ({"type": "Discrete", "n": 2}, "observes a whole number that the space does not have"),
+        ({"type": "Discrete", "n": 10**9}, "1,000,000,000 numbers as one-hot vectors"),
+        ({"type": "Discrete", "n": 10**30}, "have no Discrete observation_space"),
+        ({"type": "Discrete", "n": 0}, "have no Discrete observation_space"),
+        ({"type": "MultiBinary", "n": "many"}, "have no MultiBinary observation_space"),
+        ({"type": "MultiDiscrete", "nvec": [2, -1]}, "have no MultiDiscrete observation_space"),
+    ],
+)
+def test_whole_numbers_of_another_space_are_refused(written, space, match):
+    told(written, socialiq=None, observation_space=json.dumps(space))
+
+    def whole(file):
+        for group in file.values():
+            replace(group, "observations", np.arange(len(group["actions"]) + 1))
+
+    changed(written, whole)
+    refused(written, match)
 
 
 def test_images_are_flattened_where_that_is_said(written, table):

@@ -1,7 +1,9 @@
 """ONNX policies act as onnxruntime has them act; crafted ones are refused before it sees them."""
 
 import dataclasses
+import hashlib
 import json
+import os
 import runpy
 import sys
 from pathlib import Path
@@ -18,8 +20,10 @@ from onnx import TensorProto, helper, numpy_helper
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import episodes_of
+from socialiq.policies.interface import MOST_BYTES
 from socialiq.policies.load import load_policy
 from socialiq.policies.onnx_load import ROWS
+from socialiq.reading import sha256_of_file
 from socialiq.worlds.intersection.world import Intersection
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "policies"
@@ -143,19 +147,111 @@ def test_of_several_outputs_the_one_named_actions_counts(read, refused):
     refused(model(other, outputs=twice), "has 2 outputs and none is named actions")
 
 
-def external(made, location):
+def external(made, location="weights", **words):
+    """The model with its first tensor's numbers in another file."""
     tensor = made.graph.initializer[0]
     tensor.ClearField("raw_data")
     tensor.data_location = TensorProto.EXTERNAL
-    entry = tensor.external_data.add()
-    entry.key, entry.value = "location", str(location)
+    for key, value in {"location": str(location), **words}.items():
+        entry = tensor.external_data.add()
+        entry.key, entry.value = key, value
     return made
 
 
-def test_external_data_is_never_read(refused, tmp_path):
+def test_weights_beside_the_file_are_read_and_hashed(read, tmp_path):
+    weights = tmp_path / "weights"
+    weights.write_bytes(bytes(8) + W.tobytes() + bytes(4))
+    words = {"offset": "8", "length": str(W.nbytes)}
+    loaded = read(external(model([GEMM]), **words))
+    np.testing.assert_array_equal(
+        loaded.policy.predict(OBSERVATIONS)[0], outputs(model([GEMM]), OBSERVATIONS).argmax(axis=1)
+    )
+    digests = "".join(f"{sha256_of_file(tmp_path / name)}\n" for name in ("p.onnx", "weights"))
+    assert loaded.record.sha256 == hashlib.sha256(digests.encode()).hexdigest()
+    assert loaded.record.covers == "the file's bytes, and those of weights"
+    weights.rename(tmp_path / "kept")
+    weights.symlink_to("kept")
+    assert read(external(model([GEMM]), **words)).record.sha256 == loaded.record.sha256
+    weights.write_bytes(bytes(8) + (-W).tobytes() + bytes(4))
+    assert read(external(model([GEMM]), **words)).record.sha256 != loaded.record.sha256
+
+
+def test_weights_of_a_constant_and_to_the_end_of_a_file_are_read(read, tmp_path):
     (tmp_path / "weights").write_bytes(W.tobytes())
-    for location in ("weights", tmp_path / "weights", "../../etc/passwd"):
-        refused(external(model([GEMM]), location), "has external data")
+    tensor = external(model([GEMM])).graph.initializer[0]
+    nodes = [Node("Constant", [], ["c"], value=tensor), Node("Gemm", ["x", "c", "b"], ["y"])]
+    np.testing.assert_array_equal(
+        read(model(nodes)).policy.predict(OBSERVATIONS)[0],
+        outputs(model([GEMM]), OBSERVATIONS).argmax(axis=1),
+    )
+
+
+@pytest.mark.parametrize(
+    "location",
+    ["/etc/passwd", "../weights", "folder/weights", "..", "", "c:weights", "a\nb", "x" * 300],
+)
+def test_weights_outside_of_the_folder_are_never_read(refused, tmp_path, location):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "weights").write_bytes(W.tobytes())
+    refused(external(model([GEMM]), location), "no file of its own folder.*external_data=False")
+
+
+def test_weights_through_a_link_or_of_another_kind_of_file_are_never_read(refused, tmp_path):
+    refused(external(model([GEMM])), "weights, which is not beside it.*external_data=False")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "weights").write_bytes(W.tobytes())
+    (tmp_path / "weights").symlink_to("folder/weights")
+    refused(external(model([GEMM])), "weights, a link that leaves its folder")
+    os.mkfifo(tmp_path / "pipe")
+    refused(external(model([GEMM]), "pipe"), "is not a regular file")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        {"length": "9" * 30},
+        {"length": "71"},
+        {"offset": "-1", "length": "72"},
+        {"offset": "1", "length": "72"},
+        {"offset": "1"},
+        {"offset": "9" * 18, "length": "72"},
+        {"offset": "0x0"},
+    ],
+)
+def test_ranges_that_the_file_does_not_hold_are_refused(refused, tmp_path, words):
+    (tmp_path / "weights").write_bytes(W.tobytes())
+    refused(external(model([GEMM]), **words), "tensor of 72 bytes that weights does not hold")
+
+
+def test_size_of_weights_beside_the_file_is_bounded(refused, tmp_path):
+    (tmp_path / "weights").touch()
+    os.truncate(tmp_path / "weights", MOST_BYTES + 1)
+    refused(external(model([GEMM])), "weights is larger than 33,554,432 bytes")
+    os.truncate(tmp_path / "weights", MOST_BYTES)
+    made = model([GEMM])
+    tensor = external(made, offset="0", length=str(MOST_BYTES)).graph.initializer[0]
+    del tensor.dims[:]
+    tensor.dims.extend([MOST_BYTES // 4])
+    for number in range(100):  # all of one file's bytes, once more each
+        made.graph.initializer.add().CopyFrom(tensor)
+        made.graph.initializer[-1].name = f"w{number}"
+    refused(made, "weights of more than 33,554,432 bytes")
+    refused(external(model([GEMM]), basepath="/etc"), "external data with basepath")
+
+
+def test_identity_of_a_constant_and_batch_normalisation_are_followed(read, refused):
+    names = ("scale", "shift", "mean", "variance")
+    constants = {name: RANDOM.random(6).astype(np.float32) + 0.5 for name in names}
+    normal = Node("BatchNormalization", ["x", *names], ["n"], epsilon=0.1)
+    nodes = [Node("Identity", ["w"], ["same"]), normal, Node("Gemm", ["n", "same", "b"], ["y"])]
+    made = model(nodes, **constants)
+    found, _ = read(made).policy.predict(OBSERVATIONS)
+    np.testing.assert_array_equal(found, outputs(made, OBSERVATIONS).argmax(axis=1))
+    assert len(np.unique(found)) == 3
+    short = constants | {"mean": np.ones(1, np.float32)}
+    refused(model(nodes, **short), "normalises 6 numbers by constants of another length")
+    nodes[1] = Node("BatchNormalization", ["x", *names], ["n"], training_mode=1)
+    refused(model(nodes, **constants), "the batch's own mean: call eval")
 
 
 def test_sparse_initialisers_and_functions_are_refused(refused):

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("pyarrow", reason="extra `parquet` is not installed")
 
 import pyarrow
-from pyarrow import parquet
+from pyarrow import ipc, parquet
 
 from socialiq.cli.main import main
 from socialiq.datasets.step_files import read_steps, write_steps
@@ -18,6 +18,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
+from socialiq.types import Ending
 
 
 @pytest.fixture(scope="module")
@@ -170,3 +171,76 @@ def test_without_pyarrow_it_says_what_to_install(table, tmp_path, monkeypatch):
     ):
         with pytest.raises(UserError, match=r"pip install 'socialiq\[parquet\]'"):
             act()
+
+
+SEEN = [[[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]], [[5.0, 1.0], [6.0, 1.0]]]
+SAVED = {
+    "obs": SEEN,
+    "acts": [[0, 1], [1]],
+    "rews": [[1.0, 2.0], [3.0]],
+    "terminal": [True, False],
+    "infos": [["{}", '{"TimeLimit.truncated": true, "other": {"py/object": "os.system"}}'], ["{}"]],
+}
+
+
+def saved(folder, parts=1, **columns):
+    """A folder as `datasets` saves one, of columns that take the place of some."""
+    folder.mkdir(exist_ok=True)
+    table = pyarrow.table(SAVED | columns)
+    for part in range(parts):
+        path = folder / f"data-{part:05}-of-{parts:05}.arrow"
+        with ipc.new_stream(str(path), table.schema) as stream:
+            stream.write_table(table)
+    return folder
+
+
+def test_folder_of_imitation_is_read(tmp_path):
+    table = read_trajectories(saved(tmp_path / "a", parts=2), n_actions=2, social="none")
+    assert table.counts() == {"demonstrator": (4, 6)}
+    assert table.observation[:3].tolist() == [[0.0, 1.0], [1.0, 2.0], [5.0, 1.0]]
+    assert table.next_observation[:3].tolist() == [[1.0, 2.0], [2.0, 3.0], [6.0, 1.0]]
+    assert table.rewards.env.tolist() == [1.0, 2.0, 3.0] * 2
+    assert table.ending[:2].tolist() == [0, Ending.TIMEOUT]
+    pairs = [[[1.0, 2.0], [3.0, 4.0]], [[5.0, 6.0]]]
+    table = read_trajectories(saved(tmp_path / "b", rews=pairs), n_actions=2)
+    assert table.rewards.social.tolist() == [2.0, 4.0, 6.0]
+    infos = [['{"reward_pair": [7, 8]}'] * 2, ['{"reward_pair": [9, 8.5]}']]
+    table = read_trajectories(saved(tmp_path / "c", infos=infos), n_actions=2)
+    assert table.rewards.env.tolist() == [7.0, 7.0, 9.0]
+    assert table.rewards.social.tolist() == [8.0, 8.0, 8.5]
+
+
+OBJECT = [['{"reward_pair": {"py/reduce": []}}', "{}"], ["{}"]]
+
+
+@pytest.mark.parametrize(
+    ("columns", "match"),
+    [
+        ({"obs": [[[0.0, 1.0], [1.0], [2.0, 3.0]], SEEN[1]]}, "obs has rows of several lengths"),
+        ({"obs": [["a", "b", "c"], ["d", "e"]]}, "obs holds string or empty cells"),
+        ({"obs": [[[0.0], [None], [1.0]], [[1.0], [2.0]]]}, "obs holds double or empty cells"),
+        ({"obs": [[{"a": 1.0}] * 3, [{"a": 1.0}] * 2]}, "obs holds struct"),
+        ({"obs": [1, 2]}, "obs is int64: save a list"),
+        ({"acts": [[0], [1]]}, "trajectory 0: obs has 3 rows for 1 actions"),
+        ({"rews": [None, None]}, "trajectory 0: no reward"),
+        ({"infos": [["{", "{}"], ["{}"]]}, "infos holds a text that is no JSON"),
+        ({"infos": OBJECT}, "reward_pair in infos is an object, which is not made"),
+    ],
+)
+def test_folders_of_other_content_are_refused(tmp_path, columns, match):
+    with pytest.raises(UserError, match=match) as caught:
+        read_trajectories(saved(tmp_path / "a", **columns), n_actions=2, social="none")
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_folders_are_refused(tmp_path):
+    folder = saved(tmp_path / "a")
+    [part] = folder.iterdir()
+    content = part.read_bytes()
+    for damaged in (b"", content[:100], content[:-400], b"x" * 500):
+        part.write_bytes(damaged)
+        with pytest.raises(UserError, match=r"data-00000-of-00001\.arrow"):
+            read_trajectories(folder, n_actions=2, social="none")
+    part.unlink()
+    with pytest.raises(UserError, match=r"a folder without data-\*\.arrow"):
+        read_trajectories(folder, n_actions=2)

@@ -120,7 +120,7 @@ def test_statistics_beside_a_zip_that_shows_nothing_refuse_it(place):
     Path("dqn").mkdir()
     model.save("dqn.zip")
     env.save(place)
-    with pytest.raises(UserError, match=f"lies beside {Path(place).name}, whose statistics"):
+    with pytest.raises(UserError, match=f"lies beside {place}, whose statistics"):
         load_policy("dqn.zip", 4, 2)
     exec(block(0).replace("policy.zip", "dqn.zip"), {"env": env})
     found = load_policy("dqn.zip", 4, 2).policy.predict(OBSERVATIONS)[0]

@@ -2,12 +2,21 @@
 
 import hashlib
 import os
+import re
 from pathlib import Path
 
 import pytest
 
+from socialiq.cli.main import parse
 from socialiq.errors import UserError
-from socialiq.reading import open_file, read_bytes, read_text, sha256_of_file
+from socialiq.reading import (
+    FOREIGN_FILES,
+    foreign_file,
+    open_file,
+    read_bytes,
+    read_text,
+    sha256_of_file,
+)
 
 
 def refusal(read, *arguments) -> str:
@@ -57,3 +66,43 @@ def test_what_a_library_says_in_several_lines_is_one(tmp_path):
     path.write_bytes(b"content")
     with pytest.raises(UserError, match=r"file: first second$"), open_file(path):
         raise OSError("first\nsecond")
+
+
+XML = b'<?xml version="1.0"?>\n<!-- <net> -->\n<%s version="1">'
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "format_name"),
+    [
+        ("a.xml", XML % b"commonRoad", "a CommonRoad scenario"),
+        ("a", b"\xef\xbb\xbf" + XML % b"commonRoad", "a CommonRoad scenario"),
+        ("a.xml", XML % b"OpenDRIVE", "an OpenDRIVE map"),
+        ("a.net.xml", XML % b"net", "a network of SUMO"),
+        ("a.xml", XML % b"network", "another XML file"),
+        ("a.xml", XML % b"fcd-export", "FCD output of SUMO"),
+        ("a.osm", XML % b"osm", "an OSM map"),
+        ("a.xml", b"<!--" * 1000, "another XML file"),
+        ("a.dat", b"SQLite format 3\0", "an SQLite database"),
+        ("a", b"\x80\x04\x95", "a pickle, which is never loaded"),
+        ("a.npz", b"PK\x03\x04", "a zip archive"),
+        ("a.TFRECORD", b"x", "a TFRecord file"),
+        ("a.pb", b"x", "a Protocol Buffers file"),
+        ("a.csv", b"id,x\n", "a table of text"),
+        ("a.csv", b"", "a table of text"),
+        ("a.safetensors", b"\x80\x04\x95", None),
+        ("a.unknown", b"x", None),
+    ],
+)
+def test_files_of_other_programs_are_known(tmp_path, name, content, format_name):
+    path = tmp_path / name
+    path.write_bytes(content)
+    foreign = foreign_file(path)
+    assert (foreign and foreign.name) == format_name
+
+
+def test_commands_of_next_steps_exist():
+    steps = {step for row in FOREIGN_FILES for step in (row.recording, row.demonstrations)}
+    commands = [re.search(r"socialiq (.*)", step) for step in sorted(steps)]
+    assert sum(command is not None for command in commands) >= 7
+    for command in filter(None, commands):
+        parse(command.group(1).split())

@@ -247,6 +247,16 @@ def test_a_header_that_is_not_json_is_refused(tmp_path, wrapper):
     assert "damaged or not a demo file" in refusal(path)
 
 
+def test_a_sound_file_of_another_program_is_not_called_damaged(tmp_path):
+    path = tmp_path / "scenario.xml"
+    path.write_text("<commonRoad/>")
+    for kind in ("recording", "demonstrations"):
+        with pytest.raises(UserError, match=r"CommonRoad.*: socialiq data import commonroad FILE"):
+            storage.load_arrays(path, kind, 1)
+    with pytest.raises(UserError, match="is a CommonRoad scenario: name a dial file"):
+        storage.load_arrays(path, "dial", 1)
+
+
 def test_results_are_found_outside_of_a_checkout(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     summary = Path("results/grid/summary.json")

@@ -38,7 +38,10 @@ def folder(tmp_path, monkeypatch):
         (["collect", "crossing7", "--out", "x.NPZ"], "would not be a .NPZ file"),
         (["reproduce"], "name a study: alternatives, "),
         # The work would take hours: the place is checked first.
-        (["collect", "crossing7", "--episodes", "900000", "--out", "no/x"], "cannot write in no"),
+        (
+            ["collect", "crossing7", "--episodes", "900000", "--out", "s.toml/x"],
+            "cannot make s.toml",
+        ),
         (["page", "--out", "page.html"], "page.html would not be a .html file: it is a folder"),
         (["evaluate", "."], ". is a folder: name a file\n"),
     ],
@@ -49,6 +52,16 @@ def test_a_wrong_place_is_refused_before_anything_is_written(words, said, capsys
     line = capsys.readouterr().err
     assert said in line and line.count("\n") == 1
     assert sorted(path.name for path in Path().iterdir()) == ["s.toml"]
+
+
+def test_folders_above_an_output_are_made_and_stay_only_with_it(capsys):
+    words = ["collect", "crossing7", "--episodes", "2"]
+    assert main([*words, "--out", "a/b/c.safetensors"]) == 0
+    assert Path("a/b/c.safetensors").is_file()
+    Path("kept").mkdir()
+    assert main([*words, "--mixture", "none", "--out", "kept/d/e.safetensors"]) == 2
+    assert main(["data", "import", "commonroad", "none.xml", "--out", "f/g"]) == 2
+    assert sorted(path.name for path in Path().rglob("*")) == ["a", "b", "c.safetensors", "kept"]
 
 
 def test_a_folder_of_something_else_is_no_work_folder(capsys):

@@ -1,4 +1,6 @@
 import json
+import os
+import re
 import zipfile
 
 import numpy as np
@@ -8,6 +10,7 @@ from scipy.special import softmax
 from socialiq.errors import UserError
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
+from socialiq.policies.load import load_policy
 from socialiq.policies.sb3_load import EpsilonGreedy, read_sb3
 
 WORLD = Interface(6, 3)
@@ -268,6 +271,81 @@ def test_policy_whose_statistics_are_elsewhere_is_refused(with_statistics, craft
     members = {"data": json.dumps(words()).encode(), "policy.pth": crafted.pth(DQN)}
     with pytest.raises(UserError, match=r"some\.zip lies beside vecnormalize\.pkl, whose stat"):
         read_sb3(crafted.zipped(members), "some.zip", WORLD, "vecnormalize.pkl")
+
+
+PICKLE = b"\x80\x04\x95\x00\x8c.stable_baselines3.common.vec_env.vec_normalize\x94"
+PLACES = {
+    "dqn/Env_1/Env/vecnormalize.pkl": b"",
+    "dqn/Env_1/vec_norm.pkl": b"",
+    "dqn/vec_normalize.pkl": b"",
+    "VecNormalize": b"",
+    "dqn/Env_1/Env/statistics.pickle": PICKLE,
+    "dqn/Env_1/kept/obs_rms.npz": b"",
+}
+
+
+@pytest.fixture
+def in_the_zoo(tmp_path, crafted):
+    """A zip that shows no normalisation, in the folders of the RL Zoo."""
+    path = tmp_path / "dqn" / "Env_1" / "best_model.zip"
+    path.parent.mkdir(parents=True)
+    members = {"data": json.dumps(words()).encode(), "policy.pth": crafted.pth(DQN)}
+    path.write_bytes(crafted.zipped(members))
+    return path
+
+
+def written(folder, name, content):
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_statistics_near_a_zip_refuse_it_until_it_has_its_own(in_the_zoo, tmp_path, place):
+    assert load_policy(in_the_zoo, 6, 3).record.kind == "sb3"
+    statistics = written(tmp_path, place, PLACES[place])
+    relative = os.path.relpath(statistics, in_the_zoo.parent)
+    with pytest.raises(UserError, match=f"lies beside {re.escape(relative)}, whose statistics"):
+        load_policy(in_the_zoo, 6, 3)
+    with zipfile.ZipFile(in_the_zoo, "a") as archive:
+        archive.writestr("vecnormalize.json", '{"norm_obs": false}')
+    assert load_policy(in_the_zoo, 6, 3).record.details["normalised"] is False
+
+
+def test_statistics_are_found_from_the_folder_of_the_zip_and_through_a_link(
+    in_the_zoo, tmp_path, monkeypatch
+):
+    written(tmp_path, "dqn/vecnormalize.pkl", b"")
+    monkeypatch.chdir(in_the_zoo.parent)
+    link = tmp_path / "elsewhere" / "a" / "b" / "policy.zip"
+    link.parent.mkdir(parents=True)
+    link.symlink_to(in_the_zoo)
+    for path in (in_the_zoo.name, link):
+        with pytest.raises(UserError, match=r"lies beside \.\./vecnormalize\.pkl"):
+            load_policy(path, 6, 3)
+
+
+def test_other_files_near_a_zip_are_not_statistics(in_the_zoo, tmp_path):
+    for name, content in {
+        "dqn/Env_1/replay_buffer.pkl": b"\x80\x04.",
+        "dqn/Env_1/train_vecnormalize.py": b"",
+        "dqn/Env_1/vecnormalize.zip": in_the_zoo.read_bytes(),
+        "dqn/Env_2/vecnormalize.pkl": b"",
+        "dqn/Env_1/Env/more/vecnormalize.pkl": b"",
+    }.items():
+        written(tmp_path, name, content)
+    os.mkfifo(in_the_zoo.with_name("vecnormalize.pipe"))
+    assert load_policy(in_the_zoo, 6, 3).record.kind == "sb3"
+    assert load_policy(in_the_zoo.with_name("vecnormalize.zip"), 6, 3).record.kind == "sb3"
+
+
+def test_search_for_statistics_is_bounded(in_the_zoo, tmp_path, monkeypatch):
+    written(tmp_path, "dqn/Env_1/Env/vecnormalize.pkl", b"")
+    with pytest.raises(UserError, match="lies beside"):
+        load_policy(in_the_zoo, 6, 3)
+    monkeypatch.setattr("socialiq.policies.sb3_load.MOST_FOLDERS", 0)
+    assert load_policy(in_the_zoo, 6, 3).record.kind == "sb3"
 
 
 def test_statistics_normalise_and_clip(with_statistics):

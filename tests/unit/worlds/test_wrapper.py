@@ -7,7 +7,13 @@ from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.wrapper import RewardPairWrapper, Transition
+from socialiq.worlds.wrapper import (
+    RewardPairWrapper,
+    Transition,
+    flat,
+    flat_rows,
+    flat_space,
+)
 
 
 class Road(gymnasium.Env):
@@ -105,11 +111,44 @@ def test_a_function_that_fails_is_blamed():
 
 
 @pytest.mark.parametrize(
+    "space",
+    [
+        spaces.Discrete(5),
+        spaces.Discrete(5, start=-2),
+        spaces.MultiBinary(4),
+        spaces.MultiBinary([2, 3]),
+        spaces.MultiDiscrete([3, 2, 4]),
+        spaces.MultiDiscrete([[3, 2], [2, 2]], start=[[1, 0], [-3, 0]]),
+        spaces.Box(-1.0, 1.0, (2, 3), np.float64),
+        spaces.Box(0, 255, (2, 2), np.uint8),
+    ],
+)
+def test_observations_are_flat_as_gymnasium_flattens_them(space):
+    space.seed(0)
+    rows = [space.sample() for _ in range(50)]
+    expected = [spaces.flatten(space, row).astype(np.float32) for row in rows]
+    np.testing.assert_array_equal(flat_rows(space, np.array(rows)), expected)
+    np.testing.assert_array_equal([flat(space, row) for row in rows], expected)
+    inside = flat_space(space)
+    assert inside.dtype == np.float32 and all(inside.contains(row) for row in expected)
+    env = RewardPairWrapper(type("Other", (Road,), {"observation_space": space})(), by_hand)
+    assert env.observation_space == inside
+
+
+def test_whole_numbers_that_a_space_does_not_have_are_refused():
+    for value in (5, -1, 1.5):
+        with pytest.raises(ValueError, match="whole"):
+            flat(spaces.Discrete(5), value)
+    with pytest.raises(UserError, match="are 2,000,000 numbers as one-hot vectors"):
+        flat_space(spaces.Discrete(2_000_000))
+
+
+@pytest.mark.parametrize(
     ("name", "space", "line"),
     [
         ("action_space", spaces.Box(0, np.inf, (1,)), "the Box of actions has no finite bounds"),
         ("action_space", spaces.Discrete(2, start=1), "must be numbered from 0, not 1"),
-        ("observation_space", spaces.Dict(a=spaces.Discrete(2)), "kind Box .* not Dict: wrap"),
+        ("observation_space", spaces.Dict(a=spaces.Discrete(2)), "kind Box, .* not Dict: wrap"),
     ],
 )
 def test_other_spaces_are_refused(name, space, line):

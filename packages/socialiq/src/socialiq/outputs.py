@@ -68,6 +68,31 @@ def check_place(out: Path, option: str) -> None:
 
 
 @contextlib.contextmanager
+def folder_above(out: Path) -> Iterator[None]:
+    """Make the folders above an output; those that are empty after the block are removed.
+
+    Args:
+        out: Path of the output.
+
+    Raises:
+        UserError: If a folder can't be made.
+    """
+    missing = [folder for folder in out.parents if not folder.exists()]
+    try:
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(
+                f"cannot make {out.parent}: {error.strerror}; choose another place"
+            ) from error
+        yield
+    finally:
+        for folder in missing:
+            with contextlib.suppress(OSError):  # it has content
+                folder.rmdir()
+
+
+@contextlib.contextmanager
 def claimed(out: Path) -> Iterator[None]:
     """Keep other commands from an output while this one makes it.
 

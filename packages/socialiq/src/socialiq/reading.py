@@ -8,10 +8,11 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -122,3 +123,76 @@ def sha256_of_file(path: Path) -> str:
         while piece := file.read(_PIECE):
             digest.update(piece)
     return digest.hexdigest()
+
+
+class ForeignFile(NamedTuple):
+    """Format of other programs that is taken for a file of ours, and the way to one of ours."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    begins: bytes  # first bytes, or "<" and the name of XML's first element; none: only the suffix
+    recording: str  # next step to a recording
+    demonstrations: str  # next step to demonstrations
+
+
+_IMPORT_CSV = "import it: socialiq data import csv FILE --columns MAP --out FOLDER"
+_FROM_ARRAYS = "read it: socialiq data from-arrays FILE --out OUT.safetensors"
+_AS_CSV = (f"write it as CSV, then {_IMPORT_CSV}", f"write it as CSV, then {_FROM_ARRAYS}")
+_COMMONROAD = "import it first: socialiq data import commonroad FILE --out FOLDER"
+_SUMO = "it is a road without traffic; look at it: socialiq world sumo FILE"
+_MAP = "name it as a map: socialiq data import csv TRACKS --columns MAP --road FILE --out FOLDER"
+_NET = "convert it by SUMO's netconvert, then look at it: socialiq world sumo FILE"
+
+FOREIGN_FILES = (
+    ForeignFile("a CommonRoad scenario", (), b"<commonRoad", _COMMONROAD, _COMMONROAD),
+    ForeignFile("an OpenDRIVE map", (".xodr",), b"<OpenDRIVE", _NET, _NET),
+    ForeignFile("a network of SUMO", (), b"<net", _SUMO, _SUMO),
+    ForeignFile("FCD output of SUMO", (), b"<fcd-export", *_AS_CSV),
+    ForeignFile("an OSM map", (".osm",), b"<osm", _MAP, _MAP),
+    ForeignFile("another XML file", (".xml",), b"<", *_AS_CSV),
+    ForeignFile("an SQLite database", (".db", ".sqlite"), b"SQLite format 3\0", *_AS_CSV),
+    ForeignFile("an HDF5 file", (".h5", ".hdf5"), b"\x89HDF", _AS_CSV[0], _FROM_ARRAYS),
+    ForeignFile(
+        "a Parquet file",
+        (".parquet",),
+        b"PAR1",
+        "import it: socialiq data import argoverse FILE --out FOLDER",
+        _FROM_ARRAYS,
+    ),
+    ForeignFile("a zip archive", (".npz", ".zip"), b"PK\x03\x04", _AS_CSV[0], _FROM_ARRAYS),
+    ForeignFile("a compressed file", (".gz",), b"\x1f\x8b", "unpack it first", "unpack it first"),
+    ForeignFile("a pickle, which is never loaded", (".pickle", ".pkl"), b"\x80", *_AS_CSV),
+    ForeignFile("an Arrow file", (".arrow", ".feather"), b"ARROW1", *_AS_CSV),
+    ForeignFile("a TFRecord file", (".tfrecord",), b"", *_AS_CSV),
+    ForeignFile("a Protocol Buffers file", (".pb",), b"", *_AS_CSV),
+    ForeignFile("JSON", (".geojson", ".json"), b"{", *_AS_CSV),
+    ForeignFile("a table of text", (".csv", ".tsv", ".txt"), b"", _IMPORT_CSV, _FROM_ARRAYS),
+)
+"""Formats that are known by their first bytes, else by the suffix; the first that fits counts."""
+
+_HEAD = 1 << 16  # bytes in which XML's first element is looked for
+_COMMENT = re.compile(rb"<!--.*?(-->|\Z)", re.DOTALL)
+_ELEMENT = re.compile(rb"<[A-Za-z][\w.-]*")
+
+
+def foreign_file(path: Path) -> ForeignFile | None:
+    """Return the format of a file of another program; None of a .safetensors, or if it is unknown.
+
+    Args:
+        path: A regular file.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".safetensors":
+        return None
+    with open_file(path) as file:
+        head = file.read(_HEAD)
+    start = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if start.startswith(b"<"):
+        element = _ELEMENT.search(_COMMENT.sub(b"", start))
+        start = element.group() if element else b"<"
+    for foreign in FOREIGN_FILES:
+        is_element = _ELEMENT.fullmatch(foreign.begins) is not None  # its whole name counts
+        begins = foreign.begins and start.startswith(foreign.begins)
+        if start == foreign.begins != b"" or (begins and not is_element):
+            return foreign
+    return next((foreign for foreign in FOREIGN_FILES if suffix in foreign.suffixes), None)

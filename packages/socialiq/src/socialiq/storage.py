@@ -24,7 +24,7 @@ import safetensors.numpy
 
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending, move_file
-from socialiq.reading import check_file, open_file, path_of, read_bytes
+from socialiq.reading import check_file, foreign_file, open_file, path_of, read_bytes
 
 _HEADER = "socialiq"
 _CUT_OFF = ".unfinished"  # ending of a file that is being written
@@ -236,9 +236,7 @@ def load_arrays(
         wrapper = json.loads(text)
     # safetensors raises the last two for types that NumPy doesn't have.
     except (*_UNREADABLE, AttributeError, TypeError) as error:
-        raise UserError(
-            f"{path} is damaged or not a {kind} file: restore it or make it again"
-        ) from error
+        raise _unreadable(path, kind) from error
     if not isinstance(wrapper, dict) or not isinstance(wrapper.get("header"), dict):
         raise UserError(f"{path} is not a socialiq file: expected a {kind} file")
     header = wrapper["header"]
@@ -260,6 +258,15 @@ def load_arrays(
     if sha256 != wrapper.get("sha256") or respelled:
         raise UserError(f"{path} is damaged (its SHA-256 differs): restore it or make it again")
     return arrays, {**header, "sha256": sha256}
+
+
+def _unreadable(path: Path, kind: str) -> UserError:
+    """Return the error of a file that is damaged or of another program."""
+    foreign = foreign_file(path)
+    if foreign is None:
+        return UserError(f"{path} is damaged or not a {kind} file: restore it or make it again")
+    mends = {"recording": foreign.recording, "demonstrations": foreign.demonstrations}
+    return UserError(f"{path} is {foreign.name}: {mends.get(kind, f'name a {kind} file')}")
 
 
 def _word(value: Any) -> str:

@@ -22,6 +22,7 @@ from socialiq.cli.signing import fault_of_model, path_of_signature, sign_model
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.policies.onnx_data import DATA_FILES, ONE_FILE
 from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
@@ -180,9 +181,11 @@ def _shortened(lines: list[str]) -> list[str]:
 
 
 def _fault_of_policy(folder: Path, policy: Path) -> str:
-    """Return why a file is not the policy that was audited; "" if it is."""
-    audited = verify.read_report(folder / REPORT)["hashes"]["policy"]
-    if sha256_of_file(policy) == audited:
+    """Return why a file is not the policy that was audited, whole; "" if it is."""
+    report = verify.read_report(folder / REPORT)
+    if report["policy"].get(DATA_FILES):
+        return f"{policy} is one of several files, and a signature covers one: {ONE_FILE}"
+    if sha256_of_file(policy) == report["hashes"]["policy"]:
         return ""
     return f"{policy} is not the policy that was audited: its hash differs"
 

@@ -344,7 +344,7 @@ class ToArrays(Printing):
 
 @dataclass(frozen=True)
 class FromTrajectories(_Reader):
-    """Read trajectories under the imitation library's names, from .npz, .csv or .parquet.
+    """Read trajectories of the imitation library: its folder, or .npz, .csv or .parquet.
 
     Pickled infos of an archive are not read.
 
@@ -352,8 +352,9 @@ class FromTrajectories(_Reader):
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """Archive (.npz) with obs, acts, rews, terminal, indices; or a table (.csv, .parquet) with
-    obs_0, ..., acts, next_obs_0, ..., rews, terminal, trajectory."""
+    """Folder of data-*.arrow, as imitation 1.0 saves it; archive (.npz) with obs, acts, rews,
+    terminal, indices; or a table (.csv, .parquet) with obs_0, ..., acts, next_obs_0, ..., rews,
+    terminal, trajectory."""
     n_actions: int = 0
     """Number of actions of the world; 0 for continuous ones."""
     mode: str = "demonstrator"
@@ -395,6 +396,8 @@ class ToMinari(Printing):
 @dataclass(frozen=True)
 class FromMinari(_Reader):
     """Read a Minari data set (HDF5) as demonstrations; no environment is made.
+
+    The reward pair is infos/reward_vector, or rewards of two numbers a step: r_env and r_social.
 
     Example: socialiq data from-minari crossing7-v0 --out mixed.safetensors
     """

@@ -60,8 +60,11 @@ def _run(arguments: list[str] | None) -> int:
 
 @contextlib.contextmanager
 def checked(command: Any) -> Iterator[None]:
-    """Check the numbers and places of a command, and keep others from its output in the block."""
-    from socialiq.outputs import check_place, claimed
+    """Check the numbers and places of a command, and keep others from its output in the block.
+
+    The folders above the output are made before the work.
+    """
+    from socialiq.outputs import check_place, claimed, folder_above
 
     words.check_options(command)
     for option in ("out", "work"):
@@ -69,7 +72,10 @@ def checked(command: Any) -> Iterator[None]:
         if isinstance(place, Path):
             check_place(place, f"--{option}")
     out = getattr(command, "output", getattr(command, "out", None))
-    with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
+    if not isinstance(out, Path):
+        yield
+        return
+    with claimed(out), folder_above(out):
         yield
 
 

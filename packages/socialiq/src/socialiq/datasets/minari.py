@@ -1,11 +1,14 @@
 """Minari data sets: HDF5, with the reward pair as a vector in `infos`.
 
+Observations that are whole numbers become one-hot vectors, as in an environment of their space.
+
 They are read without Minari, whose reader makes the environment of the metadata: that would import
 and call code that the metadata name. Here the metadata are read as JSON and the HDF5 file as
 numbers; offline training needs no more.
 
 Minari keeps one reward a step, so the pair is in `infos["reward_vector"]`, of one row more than
-there are steps, as all of Minari's `infos` have: row 0 belongs to the reset and is zeros. Other
+there are steps, as all of Minari's `infos` have: row 0 belongs to the reset and is zeros. Without
+it, rewards of two numbers a step, as a vector environment records them, are the pair. Other
 columns of a table are in `infos["socialiq"]` and in the metadata.
 """
 
@@ -15,10 +18,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import gymnasium
 import numpy as np
+from gymnasium import spaces
+from gymnasium.spaces.utils import flatdim
 
 from socialiq.datasets.arrays import Bounds, features_of, of_steps
-from socialiq.datasets.hdf5 import Reader, library
+from socialiq.datasets.hdf5 import MOST_NUMBERS, Reader, library
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -26,6 +32,7 @@ from socialiq.foreign import one_line, optional
 from socialiq.outputs import whole_folder
 from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.storage import read_json
+from socialiq.worlds.wrapper import flat_rows, flat_space
 
 MAIN_FILE = "main_data.hdf5"
 METADATA_FILE = "metadata.json"
@@ -155,14 +162,17 @@ def _columns(
 ) -> dict[str, Any]:
     """Return all columns of `of_steps`."""
     space = _space(path, metadata, "observation_space")
-    if space.kind not in ("Box", "Discrete"):
+    whole = _whole_numbers(path, metadata, space)
+    if space.kind != "Box" and whole is None:
         raise UserError(
             f"{path} has observations of a {one_line(space.kind, 40)} space: only plain arrays are "
             "read, flatten them first (gymnasium.wrappers.FlattenObservation)"
         )
     if space.image and metadata.get("jpeg_encoding", True):
         raise UserError(f"{path} keeps images as JPEG: record it with jpeg_encoding=False")
-    if len(space.shape) > 1 and not flatten:
+    if whole is not None:
+        space = space._replace(shape=whole.shape or ())
+    elif len(space.shape) > 1 and not flatten:
         raise UserError(f"{path} has observations of shape {space.shape}: flatten them (flatten)")
     size = reader.size()
     expected = metadata["total_episodes"]
@@ -174,9 +184,12 @@ def _columns(
     pairs = 0
     for number in range(size):
         arrays = _of_episode(reader, f"episode_{number}", path, space, actions)
-        moments = features_of("observations", arrays["observations"], flatten=True)
-        pairs += "pair" in arrays
-        rewards = arrays["pair"][1:] if "pair" in arrays else arrays["rewards"].reshape(-1)
+        seen = arrays["observations"]
+        seen = seen if whole is None else _one_hot(whole, seen, f"{path}: episode_{number}")
+        moments = features_of("observations", seen, flatten=True)
+        rewards = arrays["pair"][1:] if "pair" in arrays else arrays["rewards"]
+        rewards = rewards if rewards.shape[1:] == (2,) else rewards.reshape(-1)
+        pairs += rewards.ndim == 2
         table = {"observation": moments[:-1], "next_observation": moments[1:]}
         table |= {
             "action": arrays["actions"] - actions.start if actions.start else arrays["actions"]
@@ -193,6 +206,41 @@ def _columns(
         name: np.concatenate([table[name] for table in tables]) for name in names
     }
     return {"mode": np.zeros(len(joined["action"]), np.int8), "social": social} | joined
+
+
+def _whole_numbers(
+    path: Path, metadata: dict[str, Any], space: _Space
+) -> gymnasium.Space[Any] | None:
+    """Return the space of observations that are whole numbers; None of others."""
+    described = json.loads(metadata["observation_space"])
+    try:
+        if space.kind == "Discrete":
+            whole = spaces.Discrete(space.size, start=space.start)
+        elif space.kind == "MultiBinary":
+            whole = spaces.MultiBinary(described["n"])
+        elif space.kind == "MultiDiscrete":
+            start = described.get("start")
+            whole = spaces.MultiDiscrete(described["nvec"], start=start)
+        else:
+            return None
+        flat_space(whole)
+    except (AssertionError, TypeError, ValueError, KeyError, OverflowError) as error:
+        raise UserError(
+            f"{path}: the metadata have no {space.kind} observation_space: write the data set again"
+        ) from error
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    return whole
+
+
+def _one_hot(space: gymnasium.Space[Any], observations: np.ndarray, where: str) -> np.ndarray:
+    """Return whole numbers as the features that an environment of that space has (`flat_rows`)."""
+    if len(observations) * flatdim(space) > MOST_NUMBERS:
+        raise UserError(f"{where} is more than {MOST_NUMBERS:,} numbers as one-hot vectors")
+    try:
+        return flat_rows(space, observations)
+    except ValueError as error:
+        raise UserError(f"{where} observes {error}: record it again") from error
 
 
 def _of_episode(
@@ -212,10 +260,12 @@ def _of_episode(
     shapes |= {"observations": (steps + 1, *space.shape)}
     shapes |= {"ending": (steps + 1,), "mode": (steps + 1,), "pair": (steps + 1, 2)}
     for name, array in arrays.items():
-        if array.shape not in (shapes[name], (*shapes[name], 1)):
+        is_pair = name == "rewards" and array.shape == (steps, 2)
+        if not is_pair and array.shape not in (shapes[name], (*shapes[name], 1)):
+            due = f"{shapes[name]} or {(steps, 2)}" if name == "rewards" else shapes[name]
             raise UserError(
-                f"{path}: {name} of {group} has shape {array.shape} where {shapes[name]} is due: "
-                "record it again"
+                f"{path}: {name} of {group} has shape {array.shape} where {due} is due: record it "
+                "again"
             )
     return arrays
 
@@ -274,7 +324,6 @@ def id_of(folder: Path) -> str:
 
 
 def _write(minari: ModuleType, table: Demonstrations, path: Path, name: str, angle: float) -> None:
-    from gymnasium import spaces
     from minari.data_collector.episode_buffer import (  # pyright: ignore[reportMissingImports]
         EpisodeBuffer,
     )

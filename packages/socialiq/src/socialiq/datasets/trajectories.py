@@ -7,6 +7,7 @@ Stable-Baselines3's vector environments set; by our worlds' `info["ending"]`; or
 """
 
 import itertools
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,12 @@ from typing import Any
 import numpy as np
 
 from socialiq.datasets.arrays import Bounds, features_of, of_steps, pair_of, plain_actions
-from socialiq.datasets.step_files import format_of, read_npz, source_of
+from socialiq.datasets.step_files import MOST_BYTES, format_of, read_npz, source_of
 from socialiq.datasets.step_tables import Layout, read_csv, read_parquet
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.foreign import one_line, optional
+from socialiq.reading import open_file, sha256_of, sha256_of_file
 from socialiq.types import Ending
 
 
@@ -84,14 +87,17 @@ def of_trajectories(
 
 
 def read_trajectories(path: Path, *, mode: str = "demonstrator", **options: Any) -> Demonstrations:
-    """Read a file of trajectories: `imitation`'s archive (.npz), or one row for each step.
+    """Read trajectories: `imitation`'s archive (.npz) or folder, or one row for each step.
 
     A .csv or .parquet has the columns of `ROWS`: `trajectory` numbers the trajectories, `terminal`
-    is set in the last row of one that has an end. Further options are those of `of_trajectories`.
+    is set in the last row of one that has an end. A folder is of Hugging Face `datasets`, as
+    `imitation` 1.0 saves it. Further options are those of `of_trajectories`.
 
     Raises:
         UserError: If the file is missing or damaged, or an array or column is missing or wrong.
     """
+    if path.is_dir():
+        return _read_folder(path, modes=mode, **options)
     kind = format_of(path)
     source = source_of(path) if path.is_file() else {}
     if kind == ".npz":
@@ -150,6 +156,98 @@ def _by_trajectory(rows: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
         }
         for begin, end in itertools.pairwise(edges)
     ]
+
+
+_PARTS = "data-*.arrow"  # files of a folder of `datasets`, in the order of their names
+_COLUMNS = ("obs", "acts", "terminal", "rews", "infos")
+_FACTS = ("reward_pair", "ending", "TimeLimit.truncated")  # of a step's info
+
+
+def _read_folder(folder: Path, **options: Any) -> Demonstrations:
+    """Read a folder of `datasets`, with one row for each trajectory."""
+    parts = sorted(folder.glob(_PARTS))
+    if not parts:
+        raise UserError(
+            f"{folder} is a folder without {_PARTS}: name a file, or a folder that imitation saved"
+        )
+    if sum(part.stat().st_size for part in parts) > MOST_BYTES:
+        raise UserError(f"{folder} holds more than {MOST_BYTES:,} bytes: split it")
+    ipc = optional("pyarrow.ipc", "parquet", "folders of trajectories")
+    listed: list[dict[str, Any]] = []
+    for part in parts:
+        try:
+            with open_file(part) as file, ipc.open_stream(file) as stream:
+                listed += [row for batch in stream for row in _rows_of(batch, part)]
+        except UserError:
+            raise
+        # pyarrow's errors are these, or descend from them.
+        except (OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
+            raise UserError(f"{part} is damaged or no Arrow stream: save it again") from error
+    sha256 = sha256_of("".join(f"{sha256_of_file(part)}\n" for part in parts))
+    source = {"made_by": "socialiq data", "file": folder.name, "sha256": sha256}
+    try:
+        return of_trajectories(listed, source=source, **options)
+    except UserError as error:
+        raise UserError(f"{folder}: {error}") from error
+
+
+def _rows_of(batch: Any, part: Path) -> list[dict[str, Any]]:
+    """Return the trajectories of a batch of Arrow; its columns of other names are not read."""
+    if batch.nbytes > MOST_BYTES:
+        raise UserError(f"{part} has a batch of more than {MOST_BYTES:,} bytes: split it")
+    names = [name for name in _COLUMNS if name in batch.schema.names]
+    try:
+        return [
+            {name: _cell(name, batch.column(name)[number]) for name in names}
+            for number in range(batch.num_rows)
+        ]
+    except UserError as error:
+        raise UserError(f"{part}: {error}") from error
+
+
+def _cell(name: str, cell: Any) -> Any:
+    """Return what one trajectory has in a column; None of an empty cell."""
+    if not cell.is_valid or name == "terminal":
+        return cell.as_py()
+    if not hasattr(cell, "values"):
+        kind = one_line(str(cell.type), 40)
+        raise UserError(f"{name} is {kind}: save a list for each trajectory")
+    if name == "infos":
+        return [_facts(text) for text in cell.as_py()] or None
+    return _numbers(name, cell.values)
+
+
+def _numbers(name: str, values: Any) -> np.ndarray:
+    """Return nested lists of Arrow as one array; every list of a level has the same length."""
+    shape = [len(values)]
+    while hasattr(values, "flatten") and hasattr(values.type, "value_type"):
+        lengths = np.asarray(values.value_lengths())
+        values = values.flatten()
+        shape.append(int(lengths.max(initial=0)))
+        if len(np.unique(lengths)) > 1:
+            raise UserError(f"{name} has rows of several lengths: give every step the same shape")
+    array = values.to_numpy(zero_copy_only=False)
+    if values.null_count or array.dtype.kind not in "fiub":
+        kind = one_line(str(values.type), 40)
+        raise UserError(f"{name} holds {kind} or empty cells: save it as numbers")
+    return array.reshape(shape)
+
+
+def _facts(text: Any) -> dict[str, Any]:
+    """Return what a step's info says as plain JSON; objects in it are never made."""
+    try:
+        info = json.loads(text) if isinstance(text, str) else {}
+    except (ValueError, RecursionError) as error:
+        raise UserError(
+            "infos holds a text that is no JSON: save the trajectories again"
+        ) from error
+    facts = {name: info[name] for name in _FACTS if isinstance(info, dict) and name in info}
+    pair = facts.get("reward_pair", [0.0, 0.0])
+    if not isinstance(pair, list) or not all(type(value) in (int, float) for value in pair):
+        raise UserError(
+            "reward_pair in infos is an object, which is not made: save it as a list of two numbers"
+        )
+    return facts
 
 
 def condensed(arrays: Mapping[str, Any]) -> list[dict[str, Any]]:

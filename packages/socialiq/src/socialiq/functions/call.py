@@ -82,7 +82,7 @@ def over(
             out = path_of(call["out"])
             words = "-".join([out.stem, *(value.word for value in values)])
             out = out.with_name(words + out.suffix)
-            if not call.get("replace"):
+            if not call.get("replace") and out.parent.exists():
                 refuse_existing(out, out.suffix)
             call["out"] = out
         commands.append(command_of(name, call))

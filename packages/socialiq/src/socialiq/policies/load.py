@@ -28,11 +28,12 @@ from socialiq.policies.interface import (
     Record,
     read_content,
 )
+from socialiq.policies.onnx_data import DATA_FILES
 from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
-from socialiq.policies.sb3_load import read_sb3
+from socialiq.policies.sb3_load import read_sb3, statistics_near
 from socialiq.reading import path_of, sha256_of
-from socialiq.storage import content_hash, kind_of, load_arrays
+from socialiq.storage import content_hash, kind_of, load_arrays, shipped
 from socialiq.types import OBSERVATION, ROWS, Policy
 from socialiq.worlds.highway.observation import ROUTE
 from socialiq.worlds.situation import ContextPolicy
@@ -142,14 +143,15 @@ def _load_file(
     if suffix not in (".safetensors", ".zip", ".onnx"):
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
+    sha256 = sha256_of(content)
+    covers = "the file's bytes"
     if suffix == ".zip":
-        places = (path.parent, path.with_suffix(""))
-        beside = [file.name for place in places for file in place.glob("*[vV]ec*[nN]ormalize*")]
         kind = "sb3"
-        policy, details = read_sb3(content, source, world, *beside[:1])
+        policy, details = read_sb3(content, source, world, statistics_near(path))
     elif suffix == ".onnx":
         kind = "onnx"
-        policy, details = read_onnx(content, source, world)
+        policy, details, sha256 = read_onnx(content, source, world, shipped(path).parent)
+        covers = ", and those of ".join([covers, *details.get(DATA_FILES, ())])
     else:
         kind = kind_of(path)
 
@@ -161,8 +163,7 @@ def _load_file(
         if read_content(path) != content:
             raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
     soft = isinstance(policy, SoftPolicy)
-    sha256 = sha256_of(content)
-    return Loaded(policy, Record(kind, source, sha256, "the file's bytes", world, soft, details))
+    return Loaded(policy, Record(kind, source, sha256, covers, world, soft, details))
 
 
 def _read_fitting(

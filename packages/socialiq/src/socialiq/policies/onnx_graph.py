@@ -177,6 +177,16 @@ def _normalise(values: Values, inputs: Sequence[str], attributes: Attributes) ->
     return shape
 
 
+def _batch_normalise(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
+    """Return the shape of a vector that is normalised by constants, as after training."""
+    shape = (values.vector(inputs[0]),)
+    if attributes.get("training_mode", 0):
+        raise GraphFault("normalises by the batch's own mean: call eval() before the export")
+    if any(values.constant(name).shape != shape for name in inputs[1:]):
+        raise GraphFault(f"normalises {shape[0]} numbers by constants of another length")
+    return shape
+
+
 def _reduce(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
     """Return the shape of one number of each vector; the axis is an attribute, or an input."""
     values.vector(inputs[0])
@@ -273,6 +283,7 @@ OPERATORS: Mapping[str, tuple[Rule, int, int]] = {
     **dict.fromkeys(("Max", "Min"), (_elementwise, 1, MOST_NODES)),
     **dict.fromkeys(("ReduceMean", "ReduceMax", "ReduceSum"), (_reduce, 1, 2)),
     "Clip": (_clip, 1, 3),
+    "BatchNormalization": (_batch_normalise, 5, 5),
     "LayerNormalization": (_normalise, 2, 3),
     "ArgMax": (_arg_max, 1, 1),
     "Concat": (_concat, 1, MOST_NODES),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.policies import onnx_graph
 from socialiq.policies.interface import BatchPolicy, Interface
+from socialiq.policies.onnx_data import DATA_FILES, sha256_of_parts, with_data
 from socialiq.policies.onnx_graph import GraphFault, Shape, Values
 
 ROWS = 1_024
@@ -34,8 +36,10 @@ _DOMAINS = ("", "ai.onnx")
 _ACTIONS = "actions"
 
 
-def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
-    """Return a policy from the bytes of an ONNX file, and details.
+def read_onnx(
+    content: bytes, source: str, world: Interface, folder: Path
+) -> tuple[BatchPolicy, dict[str, Any], str]:
+    """Return a policy from the bytes of an ONNX file, details, and the hash of what was read.
 
     Its input is float32, (batch, ...), the batch free or 1. Its output is a score for each action,
     of which it always takes the best, or the action itself. Of several outputs the one named
@@ -45,9 +49,11 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         content: Bytes of the file.
         source: Name of the file in messages.
         world: Interface of the world.
+        folder: Folder of the file, where files with weights may lie.
 
     Returns:
-        The policy; its operators, and the kind of its answers.
+        The policy; its operators, the kind of its answers, and the names of further files; the
+        SHA-256 of all files (`onnx_data.sha256_of_parts`).
 
     Raises:
         UserError: If the file is damaged, does more than `onnx_graph` allows, or is made for
@@ -57,7 +63,10 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
     check_fields(content, source)
     try:
         model = onnx.ModelProto.FromString(content)
+        data = with_data(onnx, model, folder, source)
         inputs, shape, operators = _checked(onnx, model)
+    except UserError:
+        raise
     except GraphFault as fault:
         raise UserError(f"{source}: the graph {fault}; export a plain network") from fault
     except Exception as error:  # the libraries' exceptions have no common class
@@ -98,7 +107,9 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
             raise UserError(f"{source} answered NaN or infinity: name a sound network")
         return outputs.argmax(axis=1)  # of equal ones the first
 
-    return BatchPolicy(source, interface, decide), {"operators": operators, "answers": answers}
+    details: dict[str, Any] = {"operators": operators, "answers": answers}
+    details |= {DATA_FILES: list(data)} if data else {}
+    return BatchPolicy(source, interface, decide), details, sha256_of_parts(content, data)
 
 
 def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
@@ -159,6 +170,8 @@ def _check_nodes(onnx: Any, graph: Any, values: Values) -> None:
             raise GraphFault(f"has a {one_line(node.op_type, 40)} of several outputs")
         if node.op_type == "If":
             waiting += _branch(onnx, graph, values, nodes.pop(), attributes)
+        elif node.op_type == "Identity" and node.input[:1] and node.input[0] in values.constants:
+            values.add_constant(node.output[0], values.constants[node.input[0]])
         elif any(attribute.HasField("g") for attribute in node.attribute):
             raise GraphFault(f"has a sub-graph in a {one_line(node.op_type, 40)}")
         elif node.op_type != "Constant":
@@ -230,8 +243,8 @@ def _run(session: Any, names: list[str], rows: np.ndarray, size: int, source: st
         raise UserError(f"{source} failed: {one_line(str(error))}") from error
 
 
-# Fields that a policy may have, by their numbers in onnx.proto. Any other (external data, sparse
-# initialisers, functions, sub-graphs) refuses the file.
+# Fields that a policy may have, by their numbers in onnx.proto. Any other (sparse initialisers,
+# functions, sub-graphs) refuses the file.
 _LEAF = None
 _Message = Mapping[int, "_Message | None"]
 
@@ -240,7 +253,7 @@ _DIMENSION: _Message = {1: _LEAF, 2: _LEAF, 3: _LEAF}
 _TENSOR_TYPE: _Message = {1: _LEAF, 2: {1: _DIMENSION}}
 _TYPE: _Message = {1: _TENSOR_TYPE, 6: _LEAF}
 _VALUE: _Message = {1: _LEAF, 2: _TYPE, 3: _LEAF, 4: _ENTRY}
-_TENSOR: _Message = dict.fromkeys((1, 2, 4, 5, 7, 8, 9, 10, 12), _LEAF)
+_TENSOR: _Message = dict.fromkeys((1, 2, 4, 5, 7, 8, 9, 10, 12, 14), _LEAF) | {13: _ENTRY}
 _ATTRIBUTE: dict[int, _Message | None] = {
     **dict.fromkeys((1, 2, 3, 4, 7, 8, 13, 20), _LEAF),
     5: _TENSOR,
@@ -258,8 +271,6 @@ _ATTRIBUTE[6] = _GRAPH  # of an If whose branch is known
 _MODEL: _Message = dict.fromkeys(range(1, 7), _LEAF) | {7: _GRAPH, 8: _ENTRY, 14: _ENTRY}
 
 _REFUSED = {
-    ("tensor", 13): "external data",
-    ("tensor", 14): "external data",
     ("graph", 15): "sparse initialisers",
     ("attribute", 11): "sub-graphs",
     ("attribute", 22): "sparse tensors",

@@ -6,9 +6,12 @@ The zip holds `policy.pth`, the tensors (see `sb3_tensors`), and `data`, the res
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +35,17 @@ _CLIP_MEAN = 2.0
 
 STATISTICS = "vecnormalize.json"
 """Member of the zip with the statistics of `VecNormalize`, which its owner adds."""
+
+MOST_FOLDERS = 100
+MOST_ENTRIES = 10_000
+"""Folders in the folder of a zip, and entries of each folder, that are searched for statistics."""
+
+_STATISTICS_NAME = re.compile(r"vec.*norm|obs_?rms", re.IGNORECASE)
+_STATISTICS_CLASS = b"stable_baselines3.common.vec_env.vec_normalize"
+_PICKLES = ("", ".p", ".pickle", ".pk", ".pkl", ".pth")
+_OTHER_FILES = (".ipynb", ".md", ".onnx", ".py", ".pyc", ".zip")
+"""Endings of files that are no statistics, whatever their name is."""
+
 Batch = Float[np.ndarray, "batch feature"]
 Chances = Float[np.ndarray, "batch action"]
 
@@ -51,8 +65,8 @@ def read_sb3(
         content: Bytes of the zip.
         source: Name of the file in messages.
         world: Interface of the world.
-        statistics_beside: Name of a file of statistics in the folder of the zip, which is refused;
-            "" if there is none.
+        statistics_beside: Path of a file of statistics from the zip's folder (`statistics_near`),
+            for which a zip without its own is refused; "" if there is none.
 
     Raises:
         UserError: If the file is damaged, holds another kind of policy, or one for another world.
@@ -82,6 +96,53 @@ def read_sb3(
     elif statistics_beside:
         raise _outside(source, f"lies beside {one_line(statistics_beside, 80)}")
     return policy, details | {"layers": sizes}
+
+
+def statistics_near(path: Path) -> str:
+    """Return where a file of `VecNormalize` statistics lies near a zip, "" if there is none.
+
+    Callbacks and the RL Zoo keep it in the zip's folder, in one of the folders in it, or up to two
+    levels above. A file is known by its name, or by the class that its pickle names first, which is
+    read as bytes. A link is followed, so that the folder of the zip itself is searched too.
+
+    Args:
+        path: Path of the zip.
+
+    Returns:
+        The path of the statistics from the folder of the zip.
+    """
+    for place in dict.fromkeys((path.absolute().parent, path.resolve().parent)):
+        inside = (Path(entry) for entry in _entries(place) if entry.is_dir())
+        for folder in (place, *itertools.islice(inside, MOST_FOLDERS), *place.parents[:2]):
+            for entry in _entries(folder):
+                if _is_statistics(entry):
+                    return os.path.relpath(entry, place)
+    return ""
+
+
+def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    """Return the first entries of a folder; none of a folder that can't be read."""
+    try:
+        with os.scandir(folder) as entries:
+            return list(itertools.islice(entries, MOST_ENTRIES))
+    except OSError:
+        return []
+
+
+def _is_statistics(entry: os.DirEntry[str]) -> bool:
+    """Whether a file has the name of statistics, or begins as a pickle of them."""
+    suffix = Path(entry.name).suffix.lower()
+    if suffix in _OTHER_FILES or not entry.is_file():
+        return False
+    if _STATISTICS_NAME.search(entry.name):
+        return True
+    if suffix not in _PICKLES:
+        return False
+    try:
+        with Path(entry).open("rb") as file:
+            return _STATISTICS_CLASS in file.read(256)
+    except OSError:
+        return False
 
 
 def _outside(source: str, sign: str) -> UserError:

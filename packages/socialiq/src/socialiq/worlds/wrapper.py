@@ -1,7 +1,7 @@
 """Wrappers of Gymnasium environments: reward pairs, kinds of actions, absorbing states."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import gymnasium
 import numpy as np
@@ -12,6 +12,12 @@ from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, one_line
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending, RewardPair
+
+FlatSpace = spaces.Box | spaces.Discrete | spaces.MultiBinary | spaces.MultiDiscrete
+"""Kinds of observations that become one vector of numbers (`flat`)."""
+
+MOST_ONE_HOT = 1_000_000
+"""Largest number of features that whole numbers become."""
 
 
 class Transition(NamedTuple):
@@ -35,8 +41,8 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
     (Eq 4.3). Observations come flat, as float32.
 
     Args:
-        env: Environment with discrete actions, or arrays within bounds, and observations that are
-            arrays (`spaces.Box`).
+        env: Environment with discrete actions, or arrays within bounds, and observations of a kind
+            that `flat` takes.
         pair: Function from a transition to (r_env, r_social). Without it the environment has to
             give `info["reward_pair"]` itself, or a vector of both as its reward.
         ending: Function from a transition that reached a terminal state to the kind of ending, an
@@ -78,7 +84,7 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
             The observation, flat float32, and the environment's `info`.
         """
         self._observed, info = self.env.reset(seed=seed, options=options)
-        return flat(self._observed), info
+        return flat(self.env.observation_space, self._observed), info
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step and add its reward pair."""
@@ -111,7 +117,8 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
             info["ending"] = kind.name.lower() if isinstance(kind, Ending) else str(kind)
         Ending.of_step(transition.terminated, transition.truncated, info)
         scalar = float(score(self._weights, pair))
-        return flat(after), scalar, transition.terminated, transition.truncated, info
+        seen = flat(self.env.observation_space, after)
+        return seen, scalar, transition.terminated, transition.truncated, info
 
 
 def called(what: str, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
@@ -176,11 +183,7 @@ def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None
         )
     elif actions.start != 0:
         raise UserError(f"actions must be numbered from 0, not {actions.start}: wrap the actions")
-    if not isinstance(observations, spaces.Box):
-        raise UserError(
-            f"only observations of kind Box are supported, not {type(observations).__name__}: wrap "
-            "the environment in gymnasium.wrappers.FlattenObservation"
-        )
+    flat_space(observations)
 
 
 class UnitActions(gymnasium.ActionWrapper, RecordConstructorArgs):
@@ -212,16 +215,62 @@ class UnitActions(gymnasium.ActionWrapper, RecordConstructorArgs):
 
 
 def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:
-    """Return the space of flattened observations, float32; refuse what is no `Box`."""
+    """Return the space of flat observations, float32.
+
+    Raises:
+        UserError: If the space is of a kind that `flat` does not take, or has too many numbers.
+    """
+    if not isinstance(space, FlatSpace):
+        kinds = ", ".join(kind.__name__ for kind in get_args(FlatSpace))
+        raise UserError(
+            f"only observations of kind {kinds} are supported, not {type(space).__name__}: wrap "
+            "the environment in gymnasium.wrappers.FlattenObservation"
+        )
     if not isinstance(space, spaces.Box):
-        raise UserError("only observations of kind Box can be flattened")
+        size = spaces.flatdim(space)
+        if size > MOST_ONE_HOT:
+            raise UserError(
+                f"observations are {size:,} numbers as one-hot vectors: wrap the environment so "
+                f"that they are at most {MOST_ONE_HOT:,}"
+            )
+        return spaces.Box(0.0, 1.0, (size,), np.float32)
     with np.errstate(over="ignore"):  # a bound beyond float32 is no bound
-        return spaces.Box(flat(space.low), flat(space.high), dtype=np.float32)
+        return spaces.Box(flat(space, space.low), flat(space, space.high), dtype=np.float32)
 
 
-def flat(observation: Any) -> np.ndarray:
-    """Return an observation flattened to one float32 vector."""
-    return np.ravel(np.asarray(observation, np.float32))
+def flat(space: gymnasium.Space[Any], observation: Any) -> np.ndarray:
+    """Return an observation of a space flattened to one float32 vector, as `flat_rows`."""
+    return flat_rows(space, np.asarray(observation)[None])[0]
+
+
+def flat_rows(space: gymnasium.Space[Any], observations: np.ndarray) -> np.ndarray:
+    """Return observations as `gymnasium.spaces.flatten` has them: whole numbers as one-hot vectors.
+
+    Args:
+        space: Space of one observation, of a kind in `FlatSpace`.
+        observations: Observations of that space, (row, ...).
+
+    Returns:
+        float32 (row, feature).
+
+    Raises:
+        ValueError: If a whole number is none of the space.
+    """
+    rows = np.reshape(observations, (len(observations), -1))
+    if isinstance(space, spaces.Box | spaces.MultiBinary):
+        with np.errstate(over="ignore"):  # too large a number is refused as infinity
+            return rows.astype(np.float32)
+    assert isinstance(space, spaces.Discrete | spaces.MultiDiscrete)
+    several = isinstance(space, spaces.MultiDiscrete)
+    counts = np.ravel(space.nvec if several else space.n).astype(np.int64)
+    places = rows.astype(np.int64) - np.ravel(space.start)
+    if places.shape[1] != len(counts) or (rows.dtype.kind not in "iu" and rows.size):
+        raise ValueError("other numbers than whole ones")
+    if ((places < 0) | (places >= counts)).any():
+        raise ValueError("a whole number that the space does not have")
+    vectors = np.zeros((len(rows), int(counts.sum())), np.float32)
+    vectors[np.arange(len(rows))[:, None], np.cumsum(counts) - counts + places] = 1.0
+    return vectors
 
 
 class AbsorbingStates(gymnasium.Wrapper, RecordConstructorArgs):
@@ -266,7 +315,7 @@ class AbsorbingStates(gymnasium.Wrapper, RecordConstructorArgs):
         """
         self._left = None
         observation, info = self.env.reset(seed=seed, options=options)
-        return np.append(flat(observation), np.float32(0.0)), info
+        return np.append(flat(self.env.observation_space, observation), np.float32(0.0)), info
 
     def step(self, action: Any) -> tuple[np.ndarray, Any, bool, bool, dict[str, Any]]:
         """Take one step, or stay in the absorbing state."""
@@ -278,5 +327,5 @@ class AbsorbingStates(gymnasium.Wrapper, RecordConstructorArgs):
         if terminated:
             self._left = self.stay
             return self._absorbed.copy(), reward, False, False, info
-        after = np.append(flat(observation), np.float32(0.0))
+        after = np.append(flat(self.env.observation_space, observation), np.float32(0.0))
         return after, reward, terminated, truncated, info
