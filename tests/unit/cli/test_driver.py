@@ -17,6 +17,29 @@ def test_it_drives_on_every_road(world, capsys):
     assert "r_env" in json.loads(capsys.readouterr().out)
 
 
+def test_it_drives_on_a_road_where_no_driver_is_named(capsys):
+    worlds = ["merge", "roundabout,reward=caused"]
+    for world in worlds:
+        for angle, driver in (([], "driver@45"), (["--angle", "20"], "driver@20")):
+            words = ["--world", world, "--episodes", "4", "--json"]
+            assert main(["evaluate", *words, *angle]) == 0
+            unnamed = capsys.readouterr().out
+            assert main(["evaluate", driver, *words]) == 0
+            assert json.loads(unnamed) == json.loads(capsys.readouterr().out)
+    assert main(["effects", "merge", "--angle", "0", "90", "--episodes", "4", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["drivers"]
+    assert [row["policy"] for row in rows] == ["driver@0", "driver@90"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["effects", "crossing7"], ["evaluate", "--world", "Pendulum-v1", "--episodes", "2"]],
+)
+def test_elsewhere_a_driver_must_be_named(words, capsys):
+    assert main(words) == 2
+    assert "no driver is named" in capsys.readouterr().err
+
+
 def test_both_angles_turn_it_where_people_walk(capsys):
     world = "intersection,people=.3,exit=straight"
     outcomes = []
