@@ -74,7 +74,8 @@ class ColumnMap:
         if "class" not in both and not self.default_class:
             lacks.append("class (or default_class)")
         if self.periods:
-            lacks += [name for name in ("frame", "time") if name not in names]
+            needs = "(time.periods needs the columns time and frame)"
+            lacks += [f"{name} {needs}" for name in ("frame", "time") if name not in names]
         elif "frame" not in names and "time" not in names:
             lacks.append("frame (or time)")
         if ("vx" in names) != ("vy" in names):

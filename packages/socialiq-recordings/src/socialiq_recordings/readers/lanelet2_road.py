@@ -165,8 +165,8 @@ def _projector(
             )
         return _placed_by_local(library, path, content), None
     try:
-        latitude, longitude = (float(text[1]) for text in texts[0] if text) if texts else ()
-    except ValueError as error:
+        latitude, longitude = (float(text[1]) for text in texts[0] if text)
+    except (ValueError, IndexError) as error:
         raise UserError("its first node has no lat and lon") from error
     if not (-80 <= latitude <= 84 and -180 <= longitude <= 180):
         raise UserError(f"no UTM zone holds its first node, {latitude:g} {longitude:g}")

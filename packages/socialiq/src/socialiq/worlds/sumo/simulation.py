@@ -379,8 +379,9 @@ class Episode:
         edge = network.edges[way[self._junction]]
         begin, end = edge.tail
         centre = network.junctions[edge.end][1] if edge.end in network.junctions else end
-        north = (end - begin) / np.hypot(*(end - begin))
-        return Frame(*centre.tolist(), *north.tolist(), network.right)
+        x, y = centre.tolist()
+        north_x, north_y = ((end - begin) / np.hypot(*(end - begin))).tolist()
+        return Frame(x, y, north_x, north_y, network.right)
 
     def _bodies(self) -> list[Body]:
         """Return the ego, then vehicles and who rides, then who walks, as the ego sees the road."""
