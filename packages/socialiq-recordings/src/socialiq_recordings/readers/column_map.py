@@ -139,14 +139,8 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
     for quantity, unit in sections["units"].items():
         one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
     names = {n: _text(f"columns.{n}", column) for n, column in sections["columns"].items()}
-    optional = content.get("optional", [])
-    if not (isinstance(optional, list) and all(name in names.values() for name in optional)):
-        raise UserError("optional must be a list of columns that [columns] names")
-    default_class = content.get("default_class", "")
-    if default_class:
-        one_of("default_class", default_class, tuple(sections["classes"]))
     column_map = ColumnMap(
-        optional=tuple(optional),
+        optional=_optional(content.get("optional", []), names),
         format=_text("format", content.get("format", name)),
         licence=_text("licence", content.get("licence", "not stated by the column map")),
         separator=separator,
@@ -164,7 +158,7 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
         point=_choice("axes.point", axes.get("point", "centre"), ("centre", "front", "corner")),
         users_file=_endings("road_users.file", users["file"]) if "file" in users else None,
         users_columns={key: _text(key, column) for key, column in users.items() if key != "file"},
-        default_class=default_class,
+        default_class=_default_class(content.get("default_class", ""), sections["classes"]),
         default_sizes=_default_sizes(sections["default_sizes"]),
         periods=_choice("time.periods", time.get("periods", False), (True, False)),
         origin=_endings("map.origin", sections["map"]["origin"]) if sections["map"] else None,
@@ -216,6 +210,18 @@ def _endings(what: str, value: Any) -> tuple[str, str]:
     if not isinstance(value, list) or len(value) != 2:
         raise UserError(f"{what} must be a list of two texts")
     return _text(what, value[0]), _text(what, value[1])
+
+
+def _optional(value: Any, names: dict[str, str]) -> tuple[str, ...]:
+    if not (isinstance(value, list) and all(name in names.values() for name in value)):
+        raise UserError("optional must be a list of columns that [columns] names")
+    return tuple(value)
+
+
+def _default_class(value: Any, classes: dict[str, Any]) -> str:
+    if value:
+        one_of("default_class", value, tuple(classes))
+    return value or ""
 
 
 def _rate(time: dict[str, Any]) -> tuple[float, tuple[str, str, str] | None]:
