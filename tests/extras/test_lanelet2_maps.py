@@ -159,17 +159,51 @@ def test_a_map_of_another_zone_needs_the_origin_of_the_tracks(tmp_path):
     np.testing.assert_allclose(road.lanelets[1001].left, [[0, 3], [20, 3]], atol=1e-3)
 
 
+def with_local(text, local, place=None):
+    """Return a map with local coordinates.
+
+    Args:
+        text: The map.
+        local: Places of the points to the east of those of `POINTS`, m.
+        place: Attributes in the place of lat and lon; None keeps both.
+    """
+    for number, (x, y) in POINTS.items():
+        tags = f"<tag k='local_x' v='{x + local}'/><tag k='local_y' v='{y}'/></node>"
+        head, _, tail = text.partition(f"<node id='{number}' ")
+        node, _, tail = tail.partition(" />")
+        if place is not None:
+            node = f"visible='true' version='1' {place}"
+        text = f"{head}<node id='{number}' {node}>{tags}{tail}"
+    return text
+
+
 def test_local_coordinates_need_no_origin(tmp_path):
     path = tmp_path / "map.osm"
     osm(path, lanelet2.projection.UtmProjector(lanelet2.io.Origin(48.16, 11.57)))
-    text = path.read_text()
-    for number, (x, y) in POINTS.items():
-        tags = f"<tag k='local_x' v='{x + 5}'/><tag k='local_y' v='{y}'/></node>"
-        head, _, tail = text.partition(f"<node id='{number}' ")
-        text = head + f"<node id='{number}' " + tail.replace(" />", f">{tags}", 1)
-    path.write_text(text)
+    path.write_text(with_local(path.read_text(), 5))
     road = read_lanelet2(path)
     np.testing.assert_allclose(road.lanelets[1001].left, [[5, 3], [25, 3]], atol=1e-9)
+
+
+@pytest.mark.parametrize("place", ["", "lat='' lon=''"])
+@pytest.mark.parametrize("local", [5, -80_000, 4_000_000])
+def test_a_map_without_lat_and_lon_is_read_by_its_local_coordinates(tmp_path, place, local):
+    path = tmp_path / "map.osm"
+    osm(path, lanelet2.projection.UtmProjector(lanelet2.io.Origin(0.0, 0.0)))
+    expected = read_lanelet2(path)
+    path.write_text(with_local(path.read_text(), local, place))
+    road = read_lanelet2(path)
+    assert road.lanelets.keys() == expected.lanelets.keys()
+    for number, lanelet in road.lanelets.items():
+        other = expected.lanelets[number]
+        np.testing.assert_allclose(lanelet.centre - (local, 0), other.centre, atol=1e-3)
+        for name in ("successors", "predecessors", "adjacent_left", "adjacent_right", "sign"):
+            assert getattr(lanelet, name) == getattr(other, name), name
+    with pytest.raises(UserError, match=r"no node has lat and lon.*leave out --origin"):
+        read_lanelet2(path, origin=(48.16, 11.57))
+    path.write_text(path.read_text().replace(f"k='local_y' v='{POINTS[5][1]}'", "k='z' v='0'"))
+    with pytest.raises(UserError, match="node 4 has no numbers local_x and local_y"):
+        read_lanelet2(path)
 
 
 def test_a_relation_without_ways_is_left_out_and_named(tmp_path):

@@ -20,8 +20,9 @@ from socialiq.cli.main import main
 from socialiq.results_folder import load
 from socialiq_recordings import files
 from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, held
-from socialiq_recordings.conflicts.measures import required_at, rows_of, ttc_at
+from socialiq_recordings.conflicts.measures import UNAVOIDABLE, required_at, rows_of, ttc_at
 from socialiq_recordings.conflicts.ways import Occupancy
+from socialiq_recordings.conflicts.yielding import who_yields
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
@@ -104,6 +105,70 @@ def recording(*driven, road=CROSSROADS, users=None):
 def found(*driven, road=CROSSROADS, users=None, **more):
     encounters = Encounters(Scene(recording(*driven, road=road, users=users)), **more)
     return encounters, rows_of(encounters, encounters.meetings())
+
+
+def heading_to(degrees, start, speed):
+    """States towards the origin and on, from `start` m before it."""
+    along = speeds_to_metres(speed) - start
+    heading = np.full(len(along), math.radians(degrees))
+    return along * np.cos(heading), along * np.sin(heading), heading, speed
+
+
+def passing(beside):
+    """A rider to the west who swerves by some metres, and is level with the origin after 10 s."""
+    x, y, heading, speed = heading_to(180.0, 50, steady(5, 200))
+    return x, y + beside * np.clip((12 - np.abs(x)) / 8, 0, 1), heading, speed
+
+
+RIDERS = {"road": RoadNetwork({}), "users": [RoadUser.BICYCLE] * 2, "everybody": True}
+OF_ORDER = ("ego_first", "pet", "ttc", "required_deceleration", "ego_lost", "gap_accepted")
+
+
+@pytest.mark.parametrize(("beside", "clearance"), [(0.5, -1.5), (3.5, 1.5)])
+def test_who_meet_head_on_in_shared_space_have_a_lateral_clearance(beside, clearance):
+    """Riders of 2 m width on one line, who swerve or don't: neither crosses the other's way."""
+    _, rows = found(east(-50, steady(5, 200)), passing(beside), **RIDERS)
+    assert len(rows) == 2
+    for row in rows:
+        assert row["kind"] == "head_on" and row["angle"] > 150
+        assert row["lateral_clearance"] == pytest.approx(clearance, abs=0.05)
+        assert {name: row[name] for name in OF_ORDER} == dict.fromkeys(OF_ORDER)
+    [counts] = who_yields(rows)
+    assert counts["conflicts"] == 1 and counts["with_pet"] == counts["ordered"] == 0
+
+
+def test_a_picture_of_two_who_meet_head_on_and_no_vehicle(tmp_path, capsys):
+    path = tmp_path / "riders.safetensors"
+    riders = {name: RIDERS[name] for name in ("road", "users")}
+    files.save(path, recording(east(-50, steady(5, 200)), passing(3.5), **riders))
+    call = ["data", "conflicts", str(path), "--out", str(tmp_path / "out"), "--pictures", "1"]
+    assert main([*call, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["head_on"] == 1
+    assert [drawn.name for drawn in (tmp_path / "out").glob("*.png")] == ["conflict-01.png"]
+
+
+@pytest.mark.parametrize(("on_lanes", "degrees"), [(True, 165), (False, 140)])
+def test_a_turn_across_oncoming_traffic_is_a_crossing(on_lanes, degrees):
+    ways = east(-50, steady(10)), heading_to(degrees, 65, steady(10))
+    end = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+    road = RoadNetwork({1: lane(1, (-80, 0), (120, 0)), 2: lane(2, -80 * end, 120 * end)})
+    _, rows = found(*ways, **({"road": road} if on_lanes else RIDERS))
+    assert [row["kind"] for row in rows] == ["crossing"] * 2
+    assert rows[0]["angle"] == pytest.approx(degrees, abs=1.0)
+    assert rows[0]["pet"] is not None and rows[0]["lateral_clearance"] is None
+
+
+def test_more_than_a_tyre_brakes_is_unavoidable(tmp_path, capsys):
+    """The first creeps across the area; the second drives into it at 15 m/s."""
+    ways = east(-4, steady(0.5)), north(-60, steady(15))
+    _, rows = found(*ways)
+    needed = [(row["required_deceleration"], row["other_required_deceleration"]) for row in rows]
+    assert needed == [(0.0, UNAVOIDABLE), (UNAVOIDABLE, 0.0)]
+    path = tmp_path / "hand-made.safetensors"
+    files.save(path, recording(*ways))
+    call = ["data", "conflicts", str(path), "--out", str(tmp_path / "out"), "--pictures", "1"]
+    assert main([*call, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["unavoidable"] == 1
 
 
 def test_pet_gap_and_times_of_a_crossing():

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import json
 import math
+import re
 import runpy
 from pathlib import Path
 from typing import Any
@@ -378,3 +379,55 @@ def test_pedestrians_and_bicycles_are_observed_along_the_route():
     assert env.action_space.n == 5
     observation = env.step(3)[0]  # a change of lanes keeps the target speed
     assert env.observation_space.contains(observation)
+
+
+def mirrored(text):
+    """Return a network that is 222 m wide as its mirror image, with left-hand traffic."""
+
+    def points(match):
+        pairs = (point.split(",", 1) for point in match[2].split())
+        return match[1] + " ".join(f"{222 - float(x):.2f},{rest}" for x, rest in pairs)
+
+    text = re.sub(r'(shape=")([^"]*)', points, text)
+    text = re.sub(
+        r'(<junction [^>]*? x=")([^"]*)', lambda m: f"{m[1]}{222 - float(m[2]):.2f}", text
+    )
+    return text.replace("<net ", '<net lefthand="true" ')
+
+
+@pytest.mark.parametrize("schema", ["rows", "route"])
+def test_in_left_hand_traffic_policies_observe_the_mirror_image(schema, tmp_path):
+    """The same draws on the mirrored crossing give the same numbers, also those to the side."""
+    net = tmp_path / "mirrored.net.xml"
+    net.write_text(mirrored(NETS["crossing"].read_text()))
+    right, left = (
+        SumoEnv(name, observation=schema, pedestrian_rate=0.0) for name in ("crossing", str(net))
+    )
+    assert left.scene.way == right.scene.way == ["SC", "CW"]
+    turned = []
+    for seed in (0, 2):
+        rng = np.random.default_rng(seed)
+        observed = [env.reset(seed=seed)[0] for env in (right, left)]
+        ended = False
+        while not ended:
+            np.testing.assert_allclose(observed[1], observed[0], atol=1e-6)
+            action = int(rng.integers(3))
+            (first, _, *ends, info), (second, _, *others, reflected) = (
+                env.step(action) for env in (right, left)
+            )
+            observed = [first, second]
+            turned.append(np.abs(right.episode.bodies[0].along_x))
+            np.testing.assert_allclose(reflected["reward_pair"], info["reward_pair"], atol=1e-6)
+            assert others == ends
+            ended = any(ends)
+    assert max(turned) > 0.9
+
+
+def test_the_side_of_the_traffic_is_told(tmp_path, capsys):
+    net = tmp_path / "mirrored.net.xml"
+    net.write_text(mirrored(NETS["crossing"].read_text()))
+    assert main(["world", "sumo", str(net)]) == 0
+    assert "left: policies observe the mirror image" in capsys.readouterr().out
+    for name, is_left in ((str(net), True), ("crossing", False)):
+        assert main(["world", "sumo", name, "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["left_hand"] is is_left

@@ -55,6 +55,18 @@ def test_a_mistake_in_a_network_is_told_in_one_line(tmp_path, change, message):
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("word", "is_left"),
+    [("true", True), ("1", True), ("Yes", True), ("false", False), ("0", False)],
+)
+def test_the_side_of_the_traffic_is_that_of_the_network(tmp_path, word, is_left):
+    file = tmp_path / "mine.net.xml"
+    file.write_text(NETS["crossing"].read_text().replace("<net ", f'<net lefthand="{word}" '))
+    scene = Scene(SumoOptions(net=str(file)))
+    assert scene.network.left_hand == is_left
+    assert scene.way == ["SC", "CE" if is_left else "CW"]  # across oncoming traffic
+
+
 def test_without_crossings_nobody_walks(tmp_path):
     file = tmp_path / "mine.net.xml"
     file.write_text(without_crossings(NETS["crossing"].read_text()))

@@ -1,6 +1,7 @@
 """CSV files by column maps: the shipped layouts, and everything that can be wrong with a file."""
 
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -249,7 +250,14 @@ def test_pieces_of_any_size_give_the_same(read, monkeypatch):
         (MAP.replace('x = "x"', ""), "lacks x"),
         (MAP.replace('frame = "frame"', ""), "lacks frame"),
         (MAP.replace('vy = "vy"', ""), "vx and vy, both or none"),
-        (MAP.replace('class = "class"', ""), "lacks class"),
+        (MAP.replace('class = "class"', ""), r"lacks class \(or default_class\)"),
+        (MAP.replace("[time]", 'default_class = "Bus"\n[time]'), "unknown default_class 'Bus'"),
+        (MAP.replace("[time]", "optional = [[]]\n[time]"), "optional must be a list of columns"),
+        (MAP.replace("[time]", 'optional = ["z"]\n[time]'), "optional must be a list of columns"),
+        (
+            MAP.replace('length = "length"', "").split("[default_sizes]")[0],
+            r"lacks length \(or .default_sizes.\)",
+        ),
         (MAP.replace("rate = 10.0", "rate = 0"), "needs a rate"),
         (MAP.replace('"car"', '"dragon"'), "unknown class of 'Car' 'dragon'"),
         (MAP + '[units]\nposition = "inch"', "unknown unit of position 'inch'"),
@@ -268,6 +276,109 @@ def test_pieces_of_any_size_give_the_same(read, monkeypatch):
 def test_a_bad_column_map_is_refused(read, said, line):
     with pytest.raises(UserError, match=line):
         read(GOOD, said=said)
+
+
+WITHOUT = {
+    "length": 'length = "length"\n',
+    "width": 'width = "width"\n',
+    "class": 'class = "class"\n',
+}
+"""Lines of the map that name columns which a file may lack."""
+
+
+def without(columns, rows):
+    """Return the head and the rows of a file without some of its columns."""
+    names = HEAD.split(",")
+    stays = [name not in columns for name in names]
+    lines = [
+        ",".join(cell for cell, stay in zip(row.split(","), stays, strict=True) if stay)
+        for row in (HEAD, *rows)
+    ]
+    return lines[0], lines[1:]
+
+
+@pytest.mark.parametrize("is_named", [True, False], ids=["optional", "no column of the map"])
+@pytest.mark.parametrize("columns", [("class",), ("length", "width"), ("length", "width", "class")])
+def test_sizes_and_classes_of_files_without_them(read, columns, is_named):
+    head, rows = without(columns, GOOD)
+    said = 'default_class = "Car"\n' + MAP + "Car = [4.7, 1.9]\n"
+    if is_named:
+        said = f"optional = {[*columns]}\n" + said
+    for name in columns if not is_named else ():
+        said = said.replace(WITHOUT[name], "")
+    tracks = read(rows, head, said)[0].recording.tracks
+    assert tracks.road_user.tolist() == [RoadUser.CAR]
+    size = (4.5, 1.8) if columns == ("class",) else (4.7, 1.9)
+    assert (*tracks.length, *tracks.width) == size
+
+
+def test_an_empty_class_is_the_default(read):
+    rows = [*GOOD, *rows_of(2, range(4), speed=1.5, kind="Person"), *rows_of(3, range(4), kind="")]
+    tracks = read(rows, said='default_class = "Car"\n' + MAP)[0].recording.tracks
+    assert tracks.road_user.tolist() == [RoadUser.CAR, RoadUser.PEDESTRIAN, RoadUser.CAR]
+    tracks = read(rows)[0].recording.tracks
+    assert tracks.road_user.tolist()[-1] == RoadUser.OTHER
+
+
+@pytest.mark.parametrize(
+    ("columns", "line"),
+    [
+        (["who"], "lacks id"),
+        (["x"], "lacks x"),
+        (["frame"], r"lacks frame \(or time\)"),
+        (["vy"], "lacks vx and vy, both or none"),
+        (["class"], r"lacks class \(or default_class\)"),
+    ],
+)
+def test_an_optional_column_that_a_file_needs_is_named(read, columns, line):
+    head, rows = without(columns, GOOD)
+    with pytest.raises(UserError, match=f"t.csv {line}: correct the column map"):
+        read(rows, head, f"optional = {columns}\n{MAP}")
+
+
+@pytest.mark.parametrize("columns", [["vx", "vy"], ["heading"]])
+def test_motion_without_its_optional_columns_is_that_of_the_positions(read, columns):
+    head, rows = without(columns, GOOD)
+    tracks = read(rows, head, f"optional = {columns}\n{MAP}")[0].recording.tracks
+    np.testing.assert_allclose(tracks.vx, 5.0)
+    np.testing.assert_allclose(tracks.heading, 0.0, atol=1e-9)
+
+
+def test_a_speed_lies_along_the_heading(read):
+    said = MAP.replace('vx = "vx"\nvy = "vy"', 'speed = "vx"')
+    rows = rows_of(1, range(4), heading="0.5")
+    tracks = read(rows, said=said)[0].recording.tracks
+    np.testing.assert_allclose(
+        (tracks.vx, tracks.vy), (5 * np.cos([0.5] * 4), 5 * np.sin([0.5] * 4))
+    )
+
+
+@pytest.mark.parametrize("separator", [";", "\t", "|", " "])
+def test_separators_and_units_of_sizes(read, separator):
+    said = f'licence = "ours"\nformat = "mine"\nseparator = "{separator}"\n{MAP}'
+    said = said.replace("\t", "\\t") + '[units]\nsize = "ft"\nvelocity = "mph"\n'
+    rows = [row.replace(",", separator) for row in rows_of(1, range(1), speed=10.0)]
+    [imported] = read(rows, HEAD.replace(",", separator), said)
+    tracks = imported.recording.tracks
+    np.testing.assert_allclose((tracks.length, tracks.width), [[4.5 * 0.3048], [1.8 * 0.3048]])
+    np.testing.assert_allclose(tracks.vx, [4.4704])
+    assert tracks.source["licence"] == "ours" and tracks.source["format"] == "mine"
+
+
+def test_stated_errors_are_those_of_the_map(tmp_path):
+    stated = {"position": 0.1, "speed": 0.2, "heading": 1.0, "size": 0.3, "scale": 0.02}
+    lines = "".join(f"{name} = {value}\n" for name, value in stated.items())
+    (tmp_path / "map.toml").write_text(f"{MAP}[error]\n{lines}")
+    error = read_map(str(tmp_path / "map.toml")).error
+    assert {name: getattr(error, name) for name in stated} == stated
+
+
+def test_the_documented_map_has_every_table_and_is_read(tmp_path):
+    page = Path(__file__).parents[4] / "docs" / "recordings.md"
+    [text] = [part for part in page.read_text().split("```") if "default_class" in part]
+    (tmp_path / "map.toml").write_text(text.removeprefix("toml"))
+    columns = read_map(str(tmp_path / "map.toml"))
+    assert columns.default_class == "Car" and columns.default_sizes == {"Pedestrian": (0.5, 0.5)}
 
 
 def test_unknown_maps_are_refused_with_those_there_are():

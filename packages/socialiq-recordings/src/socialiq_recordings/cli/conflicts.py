@@ -14,7 +14,7 @@ from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
 from socialiq_recordings.cli.files import OfDistinct, sources_of, users_used
 from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, Meeting
-from socialiq_recordings.conflicts.measures import rows_of
+from socialiq_recordings.conflicts.measures import UNAVOIDABLE, rows_of
 from socialiq_recordings.conflicts.walking import pedestrians
 from socialiq_recordings.conflicts.yielding import (
     Weight,
@@ -30,6 +30,7 @@ from socialiq_recordings.road.routes import Scene
 
 Case = tuple[Encounters, Meeting, Row]
 
+_KINDS = ("crossing", "merging", "head_on")
 MOST_PICTURES = 200  # largest number of pictures of a call
 
 
@@ -69,7 +70,7 @@ class FindConflicts(OfDistinct):
         cases = _cases(every, identified, self.duplicates == "drop")
         conflicts = [row for _, _, row in cases]
         counts = [_count(recording.tracks, conflicts) for recording in recordings]
-        names = ("conflicts", "crossing", "merging", "with_pet")
+        names = ("conflicts", *_KINDS, "with_pet", UNAVOIDABLE)
         summary: dict[str, Any] = {name: sum(row[name] for row in counts) for name in names}
         summary |= {"vehicles": len({row["ego_vehicle"] for row in conflicts})}
         summary |= {"chains": len({row["chain"] for row in conflicts})}
@@ -123,9 +124,11 @@ def _count(tracks: Tracks, conflicts: Sequence[Row]) -> Row:
     pairs = [row for row in rows if row["ego"] < row["other"]]
     count: Row = {"recording": tracks.recording, "tracks": tracks.n_tracks}
     count |= {"conflicts": len(rows) // 2}
-    for kind in ("crossing", "merging"):
+    for kind in _KINDS:
         count[kind] = sum(row["kind"] == kind for row in rows) // 2
-    return count | {"with_pet": sum(row["pet"] is not None for row in pairs)}
+    count["with_pet"] = sum(row["pet"] is not None for row in pairs)
+    needed = [(row["required_deceleration"], row["other_required_deceleration"]) for row in pairs]
+    return count | {UNAVOIDABLE: sum(UNAVOIDABLE in both for both in needed)}
 
 
 def _weights(cases: Sequence[Case], seed: int) -> list[Row]:

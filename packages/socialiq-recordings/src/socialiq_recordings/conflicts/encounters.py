@@ -52,6 +52,10 @@ CROSSING = 30.0
 """Degrees; vehicles at a smaller angle follow each other or drive side by side and don't cross
 (Gettman et al. 2008, FHWA-HRT-08-051: below 30 degrees a conflict is of the kind rear end)."""
 
+HEAD_ON = 150.0
+"""Degrees; two who follow no lanelets and whose directions differ by more pass each other on one
+line, and do not cross. On lanelets they turn across oncoming traffic."""
+
 NEAR = 50.0  # m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²
 
 _LEAST = 0.1  # m²; smaller areas are errors of the lines
@@ -221,6 +225,13 @@ class Meeting:
     area: Area  # their conflict area, the ego first
     complete: bool  # whether the times that PET needs were recorded
     frames: np.ndarray  # frames at which both are present and neither has left the area
+
+    @property
+    def is_head_on(self) -> bool:
+        """Whether two come towards each other in shared space, so that neither goes first."""
+        in_lanes = self.ego.lanelets and self.other.lanelets
+        crosses = self.area.kind == Conflict.CROSSING
+        return bool(crosses and self.area.angle > HEAD_ON and not in_lanes)
 
     @cached_property
     def times(self) -> tuple[Float64[np.ndarray, "frame 2"], Float64[np.ndarray, "frame 2"]]:

@@ -12,7 +12,7 @@ from jaxtyping import Bool
 from socialiq.physics import wrapped
 from socialiq.types import Row
 from socialiq_recordings.conflicts.encounters import Encounters, Meeting
-from socialiq_recordings.conflicts.ways import Occupancy, Way, recorded
+from socialiq_recordings.conflicts.ways import Occupancy, Way, frames_together, recorded
 from socialiq_recordings.recording import RoadUser
 from socialiq_recordings.road.network import Conflict, Sign
 
@@ -119,6 +119,16 @@ def required_deceleration_crossing(gap: float, speed: float, seconds: float) -> 
     return 2 * (speed * seconds - gap) / seconds**2
 
 
+LARGEST_BRAKING = 10.0  # m/s²; a tyre or a shoe on a dry road decelerates by no more
+UNAVOIDABLE = "unavoidable"
+"""In the place of a required deceleration above `LARGEST_BRAKING`."""
+
+_OF_ORDER = (
+    *("ego_first", "pet", "ttc", "gap_accepted", "lag_accepted", "ego_lost", "other_lost"),
+    *("required_deceleration", "other_required_deceleration"),
+)
+"""Columns that depend on who goes first."""
+
 _DECIDING = 5.0  # s before the first enters an area in which speeds show who would be first
 _TURN_BEFORE = 30.0  # m before an area, from which on the turn of a way is measured
 _TURN_AFTER = 20.0  # m behind an area, up to which it is measured
@@ -134,7 +144,9 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
     Returns:
         Rows in the order of `meetings`. `ego` and `other` are the numbers of the vehicles in the
         file. Angles and turns are in degrees, places in m, speeds in m/s, decelerations in m/s²;
-        times are in s, those of entering and leaving from frame 0.
+        times are in s, those of entering and leaving from frame 0. A required deceleration may be
+        `UNAVOIDABLE`. Those who meet head-on in shared space have a lateral clearance in the place
+        of all that depends on who goes first.
     """
     tracks = encounters.scene.tracks
     rows = []
@@ -155,7 +167,7 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "recording": tracks.recording,
             "ego": int(identity[ego.track]),
             "other": int(identity[partner.track]),
-            "kind": area.kind.name.lower(),
+            "kind": "head_on" if meeting.is_head_on else area.kind.name.lower(),
             "angle": area.angle,
             "x": area.x,
             "y": area.y,
@@ -170,8 +182,9 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "seconds": len(meeting.frames) * ego.dt,
             "pet": pet(meeting),
             "ttc": min((ttc_at(meeting, *moment) for moment in moments), default=math.inf),
-            "required_deceleration": _hardest(meeting),
-            "other_required_deceleration": _hardest(meeting.swapped()),
+            "lateral_clearance": lateral_clearance(encounters, meeting),
+            "required_deceleration": _needed(meeting),
+            "other_required_deceleration": _needed(meeting.swapped()),
             "gap_accepted": gap,
             "lag_accepted": lag,
             "ego_enters": times.enters,
@@ -185,8 +198,33 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
             "ego_lost": lost(meeting),
             "other_lost": lost(meeting.swapped()),
         }
+        if meeting.is_head_on:
+            row |= dict.fromkeys(_OF_ORDER)
         rows.append({name: finite_or_none(value) for name, value in row.items()})
     return rows
+
+
+def lateral_clearance(encounters: Encounters, meeting: Meeting) -> float:
+    """Return the least free space between two who meet head-on, m; NaN for others.
+
+    It is the least distance of their middles less half of both widths, below 0 if they touched. NaN
+    also if they are closest at the first or the last frame in view together.
+
+    Args:
+        encounters: Encounters of the recording, with the positions.
+        meeting: Conflict of the two.
+    """
+    ways = meeting.ego, meeting.other
+    frames = frames_together(*ways)
+    if not meeting.is_head_on or not len(frames):
+        return math.nan
+    tracks = encounters.scene.tracks
+    rows, other_rows = (tracks.starts[way.track] + frames - way.first for way in ways)
+    apart = np.hypot(tracks.x[rows] - tracks.x[other_rows], tracks.y[rows] - tracks.y[other_rows])
+    closest = int(apart.argmin())
+    if closest in (0, len(frames) - 1):
+        return math.nan
+    return float(apart[closest]) - (ways[0].width + ways[1].width) / 2
 
 
 def finite_or_none(value: object) -> object:
@@ -306,6 +344,12 @@ def _hardest(meeting: Meeting) -> float:
     late = (arrives > other_arrives) & (arrives > meeting.frames * meeting.ego.dt)
     moments = _moments(meeting, late)
     return max((required_at(meeting, *moment) for moment in moments), default=0.0)
+
+
+def _needed(meeting: Meeting) -> float | str:
+    """Return the largest deceleration that the ego needs, m/s², or `UNAVOIDABLE`."""
+    hardest = _hardest(meeting)
+    return UNAVOIDABLE if hardest > LARGEST_BRAKING else hardest
 
 
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:

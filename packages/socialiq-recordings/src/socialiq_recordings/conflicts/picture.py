@@ -13,6 +13,13 @@ from socialiq_recordings.conflicts.encounters import Encounters, Meeting
 from socialiq_recordings.conflicts.ways import BEHIND
 
 _REACH = 35.0  # m around the place where the ego enters the area
+_MEASURES = (
+    ("pet", "PET", "s"),
+    ("ttc", "TTC", "s"),
+    ("required_deceleration", "A needs", "m/s²"),
+    ("other_required_deceleration", "B needs", "m/s²"),
+)
+_HEAD_ON = (("lateral_clearance", "lateral clearance", "m"),)
 _INKS = (COLORS["prosocial"], COLORS["egoistic"])
 
 
@@ -49,15 +56,13 @@ def picture(encounters: Encounters, meeting: Meeting, row: Row) -> Figure:
     right.set_ylim(-15.0, 60.0)
     finish(right, "", 7, xlabel="s from the start", ylabel="m from the front to the area")
     order = {None: "neither arrives", True: "A first", False: "B first"}[row["ego_first"]]
-    texts = [f"{row['recording']}: A {row['ego']}, B {row['other']}", row["kind"], order]
-    for name, words, unit in (
-        ("pet", "PET", "s"),
-        ("ttc", "TTC", "s"),
-        ("required_deceleration", "A needs", "m/s²"),
-        ("other_required_deceleration", "B needs", "m/s²"),
-    ):
+    texts = [f"{row['recording']}: A {row['ego']}, B {row['other']}", row["kind"]]
+    measures = _HEAD_ON if meeting.is_head_on else _MEASURES
+    texts += [] if meeting.is_head_on else [order]
+    for name, words, unit in measures:
         value = row[name]
-        texts.append(f"{words} {'unknown' if value is None else f'{value:.1f} {unit}'}")
+        known = value if isinstance(value, str) else f"{value or 0.0:.1f} {unit}"
+        texts.append(f"{words} {'unknown' if value is None else known}")
     drawing.suptitle(", ".join(texts), fontsize=9)
     return drawing
 

@@ -79,9 +79,12 @@ class Stakes(NamedTuple):
 
 
 def stakes_of(meeting: Meeting) -> Stakes | None:
-    """Return the stakes `LEAD` s before the first enters; None if not recorded, or one stands."""
+    """Return the stakes `LEAD` s before the first enters.
+
+    None if they were not recorded, one of the two stands, or neither goes first.
+    """
     enters = min(meeting.ego_times.enters, meeting.other_times.enters)
-    if not (meeting.complete and np.isfinite(enters)):
+    if meeting.is_head_on or not (meeting.complete and np.isfinite(enters)):
         return None
     frames = np.flatnonzero(meeting.frames * meeting.ego.dt <= enters - LEAD)
     if not len(frames):

@@ -5,6 +5,7 @@ sets, by name.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ COLUMNS = (
     *(*REQUIRED, "recording", "frame", "time", "heading", "vx", "vy", "speed"),
     *("length", "width", "class"),
 )
-_PER_TRACK = ("length", "width", "class")
+_SIZES = ("length", "width")
+_PER_TRACK = (*_SIZES, "class")
 _MAPS = Path(__file__).parent / "column_maps"
 
 
@@ -53,10 +55,32 @@ class ColumnMap:
     point: str = "centre"  # reference point of positions: `centre`, `front` or `corner` of the box
     users_file: tuple[str, str] | None = None  # the same of a file with a row for each track
     users_columns: dict[str, str] = field(default_factory=dict)  # names of that file's columns
-    default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)  # m, by class
+    default_class: str = ""  # word of road users that the file gives none; empty: refused
+    default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)  # m, by word
     periods: bool = False  # whether ids and frames begin again; time and frame tell them apart
     origin: tuple[str, str] | None = None  # columns of `rate_file` with UTM coordinates, m
     error: MeasurementError = field(default_factory=MeasurementError)
+
+    def lacking(self, names: Collection[str]) -> list[str]:
+        """Return what a file lacks to be read.
+
+        Args:
+            names: Our names of the columns that it has.
+        """
+        both = {*names, *self.users_columns}
+        lacks = [name for name in REQUIRED if name not in names]
+        if not self.default_sizes:
+            lacks += [f"{name} (or [default_sizes])" for name in _SIZES if name not in both]
+        if "class" not in both and not self.default_class:
+            lacks.append("class (or default_class)")
+        if self.periods:
+            needs = "(time.periods needs the columns time and frame)"
+            lacks += [f"{name} {needs}" for name in ("frame", "time") if name not in names]
+        elif "frame" not in names and "time" not in names:
+            lacks.append("frame (or time)")
+        if ("vx" in names) != ("vy" in names):
+            lacks.append("vx and vy, both or none")
+        return lacks
 
 
 def known_maps() -> tuple[str, ...]:
@@ -95,7 +119,7 @@ _TABLES: dict[str, tuple[str, ...]] = {
 
 def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
     tables = (*_TABLES, "classes", "default_sizes")
-    _only("", content, (*tables, "format", "licence", "separator", "optional"))
+    _only("", content, (*tables, "format", "licence", "separator", "optional", "default_class"))
     sections: dict[str, dict[str, Any]] = {table: content.get(table, {}) for table in tables}
     for table, section in sections.items():
         if not isinstance(section, dict):
@@ -114,15 +138,13 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
         one_of(f"class of '{one_line(word, 40)}'", kind, tuple(kinds))
     for quantity, unit in sections["units"].items():
         one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
-    optional = content.get("optional", [])
-    if not (isinstance(optional, list) and {*optional} <= {*sections["columns"].values()}):
-        raise UserError("optional must be a list of columns that [columns] names")
+    names = {n: _text(f"columns.{n}", column) for n, column in sections["columns"].items()}
     column_map = ColumnMap(
-        optional=tuple(optional),
+        optional=_optional(content.get("optional", []), names),
         format=_text("format", content.get("format", name)),
         licence=_text("licence", content.get("licence", "not stated by the column map")),
         separator=separator,
-        columns=_columns(sections["columns"], users),
+        columns=names,
         classes={word: kinds[kind] for word, kind in sections["classes"].items()},
         scales={
             quantity: factors[sections["units"].get(quantity, next(iter(factors)))]
@@ -136,6 +158,7 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
         point=_choice("axes.point", axes.get("point", "centre"), ("centre", "front", "corner")),
         users_file=_endings("road_users.file", users["file"]) if "file" in users else None,
         users_columns={key: _text(key, column) for key, column in users.items() if key != "file"},
+        default_class=_default_class(content.get("default_class", ""), sections["classes"]),
         default_sizes=_default_sizes(sections["default_sizes"]),
         periods=_choice("time.periods", time.get("periods", False), (True, False)),
         origin=_endings("map.origin", sections["map"]["origin"]) if sections["map"] else None,
@@ -143,8 +166,8 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
             **{key: _number(f"error.{key}", value) for key, value in sections["error"].items()}
         ),
     )
-    if column_map.periods and not {"time", "frame"} <= set(column_map.columns):
-        raise UserError("time.periods needs the columns time and frame")
+    if lacks := column_map.lacking(names):
+        raise UserError(f"[columns] lacks {', '.join(lacks)}")
     if column_map.origin and rate_file is None:
         raise UserError("map.origin needs time.rate_file, the file with these columns")
     if column_map.users_file and "id" not in column_map.users_columns:
@@ -189,17 +212,16 @@ def _endings(what: str, value: Any) -> tuple[str, str]:
     return _text(what, value[0]), _text(what, value[1])
 
 
-def _columns(columns: dict[str, Any], users: dict[str, Any]) -> dict[str, str]:
-    names = {name: _text(f"columns.{name}", column) for name, column in columns.items()}
-    missing = [name for name in REQUIRED if name not in names]
-    missing += [name for name in _PER_TRACK if name not in names and name not in users]
-    if "frame" not in names and "time" not in names:
-        missing.append("frame (or time)")
-    if ("vx" in names) != ("vy" in names):
-        missing.append("vx and vy, both or none")
-    if missing:
-        raise UserError(f"[columns] lacks {', '.join(missing)}")
-    return names
+def _optional(value: Any, names: dict[str, str]) -> tuple[str, ...]:
+    if not (isinstance(value, list) and all(name in names.values() for name in value)):
+        raise UserError("optional must be a list of columns that [columns] names")
+    return tuple(value)
+
+
+def _default_class(value: Any, classes: dict[str, Any]) -> str:
+    if value:
+        one_of("default_class", value, tuple(classes))
+    return value or ""
 
 
 def _rate(time: dict[str, Any]) -> tuple[float, tuple[str, str, str] | None]:

@@ -47,6 +47,10 @@ def read_csv(
     texts = frozenset({"recording", "class"})
     whole = frozenset({"id", "frame"})
     table.read(columns.columns, texts, whole, columns.optional)
+    if lacks := columns.lacking([name for name in COLUMNS if name in table]):
+        raise UserError(
+            f"{path} lacks {', '.join(lacks)}: correct the column map, which makes it optional"
+        )
     dt = 1 / csv_table.rate_of(path, columns)
     frame = csv_table.frames_of(table, columns, dt)
     users = None
@@ -203,10 +207,13 @@ class _Draft:
             return self.table, track
 
         table, at = cells("class")
-        numbers, first = np.unique(table["class"][at], return_index=True)
+        codes = table["class"][at] if "class" in table else np.zeros(0, np.int32)
+        numbers, first = np.unique(codes, return_index=True)
         words = [
             table.word("class", number).strip() for number in numbers[np.argsort(first)].tolist()
         ]
+        if self.columns.default_class:
+            words = [word for word in words if word] or [self.columns.default_class]
         # Rows without a known class have that of the others.
         words = [word for word in words if word in self.columns.classes] or words
         word = words[0]

@@ -15,6 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 
@@ -32,6 +33,7 @@ _LOCAL = re.compile(rb"<tag\s+k=['\"]local_x['\"]")
 _ERROR = re.compile(r"primitive (?:with id )?(-?\d+)[^:]*: (.*)", re.DOTALL)
 _NAMED = 100  # errors of the library that are named
 _LISTED = 3  # errors that a refusal lists
+_SOMEWHERE = 48.0, 9.0  # degrees, in the middle of a UTM zone
 _PLACE = (re.compile(rb"\blat=['\"]([^'\"]+)"), re.compile(rb"\blon=['\"]([^'\"]+)"))
 
 _SIGNS = {"TrafficLight": Sign.LIGHT, "AllWayStop": Sign.STOP}
@@ -51,7 +53,8 @@ def read_lanelet2(
         utm_origin: Origin of the tracks' frame in UTM coordinates, m, as a `recordingMeta.csv` of
             inD has them.
         origin: Latitude and longitude of that origin, degrees. Without both it is that of `local_x`
-            and `local_y` where all nodes have them, else 0° N 0° E as in INTERACTION.
+            and `local_y` where all nodes have them, also if none has lat and lon, else 0° N 0° E as
+            in INTERACTION.
 
     Raises:
         UserError: If it can't be read, holds no such lanelet, or lanelet2 is not installed.
@@ -151,19 +154,27 @@ def _projector(
 ) -> tuple[Any, np.ndarray | None]:
     """Return a projector to UTM, and the coordinates to subtract; None: local ones are meant."""
     content = read_bytes(path, _MOST_BYTES)
-    node = _NODE.search(content)
-    texts = [pattern.search(node[0]) if node else None for pattern in _PLACE]
+    nodes = _NODE.findall(content)
+    has_local = len(_LOCAL.findall(content)) == len(nodes)
+    texts = [[pattern.search(node) for pattern in _PLACE] for node in nodes]
+    if nodes and not any(all(pair) for pair in texts) and has_local:
+        if utm_origin is not None or origin is not None:
+            raise UserError(
+                "no node has lat and lon, which the origin of the tracks' frame needs: name a map "
+                "with both, or leave out --origin where local_x and local_y are in that frame"
+            )
+        return _placed_by_local(library, path, content), None
     try:
-        latitude, longitude = (float(text[1]) for text in texts if text)
-    except ValueError as error:
-        raise UserError("no node has lat and lon") from error
+        latitude, longitude = (float(text[1]) for text in texts[0] if text)
+    except (ValueError, IndexError) as error:
+        raise UserError("its first node has no lat and lon") from error
     if not (-80 <= latitude <= 84 and -180 <= longitude <= 180):
         raise UserError(f"no UTM zone holds its first node, {latitude:g} {longitude:g}")
     project = library.projection.UtmProjector
     zone = library.io.Origin(latitude, longitude)
     if utm_origin is not None:
         return project(zone, False, False), np.array(utm_origin)
-    if origin is None and len(_LOCAL.findall(content)) == len(_NODE.findall(content)):
+    if origin is None and has_local:
         return project(zone, False, False), None
     projector = project(library.io.Origin(*(origin or (0.0, 0.0))))  # which subtracts by itself
     try:
@@ -176,6 +187,32 @@ def _projector(
             "`socialiq data import`"
         ) from error
     return projector, np.zeros(2)
+
+
+def _placed_by_local(library: Any, path: Path, content: bytes) -> Any:
+    """Write lat and lon into a map that has local coordinates alone; return their projector.
+
+    The library joins and orients lanelets by projected points; the lanelets' own points stay the
+    local ones.
+    """
+    projector = library.projection.UtmProjector(library.io.Origin(*_SOMEWHERE))
+    root = fromstring(content)
+    first = None
+    for node in root.iter("node"):
+        tags = {tag.get("k"): tag.get("v", "") for tag in node.iter("tag")}
+        try:
+            place = np.array([float(tags[name]) for name in ("local_x", "local_y")])
+        except (KeyError, ValueError):
+            place = np.full(2, np.nan)
+        if not np.isfinite(place).all():
+            name = one_line(node.get("id", ""), 40)
+            raise UserError(f"node {name} has no numbers local_x and local_y")
+        first = place if first is None else first
+        point = projector.reverse(library.core.BasicPoint3d(*(place - first).tolist(), 0.0))
+        node.set("lat", repr(point.lat))
+        node.set("lon", repr(point.lon))
+    path.write_bytes(tostring(root))
+    return projector
 
 
 class _Road:

@@ -288,7 +288,7 @@ class Scene:
         driving = np.flatnonzero(np.isin(self.tracks.track, self.vehicles))
         order = driving[np.argsort(self.tracks.frame[driving], kind="stable")]
         frames, first = np.unique(self.tracks.frame[order], return_index=True)
-        return dict(zip(frames.tolist(), np.split(order, first[1:]), strict=True))
+        return dict(zip(frames.tolist(), np.split(order, first)[1:], strict=True))
 
     def present(self, frame: int) -> Int64[np.ndarray, " row"]:
         """Return the rows of the vehicles of one frame, in the order of their tracks."""

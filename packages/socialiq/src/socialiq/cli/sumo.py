@@ -23,8 +23,9 @@ _MOST_NAMES = 8
 class WorldSumo(Printing):
     """Check and describe a network of SUMO, and play an episode in it.
 
-    It prints the junctions with their approaches and crossings, the ways that an ego can drive, how
-    many road users of each class entered in the episode, and what of the network is not used.
+    It prints the junctions with their approaches and crossings, the side of the traffic, the ways
+    that an ego can drive, how many road users of each class entered in the episode, and what of the
+    network is not used.
 
     Example: socialiq world sumo city.net.xml
     """
@@ -33,7 +34,8 @@ class WorldSumo(Printing):
     """crossing or row, which ship, or a file that ends in .net.xml, as netconvert writes it."""
     traffic: tyro.conf.OmitArgPrefixes[Demand] = field(default_factory=Demand)
     start: str = ""
-    """Edge on which the ego enters; by default that of the way that turns left most."""
+    """Edge on which the ego enters; by default that of the way that turns left most, in left-hand
+    traffic right most."""
     end: str = ""
     """Edge on which the ego leaves."""
     seed: int = 0
@@ -63,14 +65,19 @@ class WorldSumo(Printing):
         if self.json:
             result: dict[str, Any] = {"junctions": junctions, "ways": ways, "ego": scene.way}
             departing = {"demand": self.demanded(scene)} if scene.user_demand else {}
-            isolation = {"isolation": isolation_for(scene).kind}
-            print_json(result | departing | {"entered": entered, "not_used": notes} | isolation)
+            facts = {"left_hand": network.left_hand, "isolation": isolation_for(scene).kind}
+            print_json(result | departing | {"entered": entered, "not_used": notes} | facts)
             return 0
         print_table(junctions)
         print_table(ways[:_MOST_WAYS], f"ways of an ego ({len(ways)}), here {' '.join(scene.way)}")
         print_table(listed(entered, "entered in 45 s"))
         kind, why = isolation_for(scene)
-        print_table(listed({"isolation of SUMO": f"{kind} ({why})" if why else kind}))
+        side = "left: policies observe the mirror image" if network.left_hand else "right"
+        facts = {
+            "traffic keeps to the": side,
+            "isolation of SUMO": f"{kind} ({why})" if why else kind,
+        }
+        print_table(listed(facts))
         if scene.user_demand:
             print_table(listed(self.demanded(scene), f"in {self.traffic.demand}"))
         if notes:

@@ -16,7 +16,7 @@ export function orderOf({ tracks, ego_first: first }) {
   return first ? tracks : [tracks[1], tracks[0]];
 }
 
-/** Return the largest deceleration that the one who yields needed, m/s². */
+/** Return the largest deceleration that the one who yields needed, m/s², or "unavoidable". */
 export function neededBy({ ego_first: first, required_deceleration: own, other_required_deceleration: other }) {
   return first ? other : own;
 }
@@ -129,7 +129,7 @@ export class Traffic {
   words(one) {
     const order = orderOf(one);
     const [first, second] = order ?? one.tracks;
-    const number = (value) => (value === null ? "-" : value.toFixed(1));
+    const number = (value) => (typeof value === "number" ? value.toFixed(1) : value ?? "-");
     return [this.name(second), this.name(first), order ? `${one.kind}${one.complete ? "" : ", projected"}` : `${one.kind}, neither arrives`, `${number(one.pet)}${one.pet === null ? "" : " s"}`, number(neededBy(one))];
   }
 

@@ -223,11 +223,9 @@ class SumoEnv(gymnasium.Env):
         ends = np.cumsum(metres)
         last = pieces[-1]
         goal = ends[-2] + arrival_on(float(np.hypot(*np.diff(last, axis=0).T).sum()))
-        x, y = (np.concatenate(pieces) - (state.x, state.y)).T
-        turned = np.stack(
-            [x * state.north_y - y * state.north_x, -(x * state.north_x + y * state.north_y)],
-            axis=-1,
-        )
+        frame = state.frame
+        x, y = (np.concatenate(pieces) - (frame.x, frame.y)).T
+        turned = np.stack(frame.turned(x, y), axis=-1)
         return line_of(turned, ends[2 * state.junction], ends[2 * state.junction + 1], goal)
 
     @property

@@ -25,7 +25,7 @@ from socialiq.isolation import NOT_NEEDED, CodeHash, Isolation, isolation_of, sa
 from socialiq.types import Ending
 from socialiq.worlds.highway.options import FEATURES, Contact
 from socialiq.worlds.sumo.network import CLASSES, NETS
-from socialiq.worlds.sumo.simulation import Body, EgoState, Episode, Result
+from socialiq.worlds.sumo.simulation import Body, EgoState, Episode, Frame, Result
 from socialiq.worlds.sumo.traffic import Scene
 
 SECONDS = 600.0  # for an answer: a reset plays the traffic of a city twice
@@ -96,7 +96,8 @@ class IsolatedEpisode:
         rows = self.scene.options.road.observed_vehicles * len(FEATURES)
         self.observation = np.array(answer["observation"], np.float32).reshape(rows)
         self.bodies = [Body(*body) for body in answer["bodies"]]
-        self.ego_state = EgoState(*answer["ego_state"])
+        junction, frame, target_speed = answer["ego_state"]
+        self.ego_state = EgoState(junction, Frame(*frame), target_speed)
         return answer
 
 

@@ -36,6 +36,7 @@ WALKING = tuple(user.sumo.name for user in ROAD_USERS if user.motion == ON_FOOT)
 
 LARGEST = 1 << 26  # bytes
 MOST_ROUTES = 1000  # ways of an ego that are searched
+_TRUE = ("true", "1", "yes", "on", "x", "t")  # words that SUMO reads as true
 
 
 class Edge(NamedTuple):
@@ -62,6 +63,7 @@ class Network(NamedTuple):
         after: Edges that follow an edge, by class.
         junctions: Kind and position (m) of each junction at which edges meet.
         crossings: Number of crossings for pedestrians at each junction.
+        left_hand: Whether traffic keeps to the left.
         file: Its file.
         sha256: Hash of the file's bytes, as they were read.
         xml: What SUMO gets of the file (`allowed`).
@@ -72,10 +74,16 @@ class Network(NamedTuple):
     after: Mapping[str, Mapping[str, list[str]]]
     junctions: Mapping[str, tuple[str, np.ndarray]]
     crossings: Mapping[str, int]
+    left_hand: bool
     file: Path
     sha256: str
     xml: str
     left_out: Counter[str]
+
+    @property
+    def right(self) -> float:
+        """Factor of directions to the right that mirrors left-hand traffic: -1 there, else 1."""
+        return -1.0 if self.left_hand else 1.0
 
     def ends(self, kind: str) -> tuple[list[str], list[str]]:
         """Return edges of a class on which it enters the network, and those on which it leaves."""
@@ -242,7 +250,8 @@ def _read(root: Element, **origin: Any) -> Network:
         for element in root.iter("junction")
         if element.attrib["type"] not in ("internal", "dead_end")
     }
-    return Network(edges, after, junctions, crossings, **origin)
+    left_hand = root.get("lefthand", "").lower() in _TRUE
+    return Network(edges, after, junctions, crossings, left_hand, **origin)
 
 
 def _place(junction: Element) -> np.ndarray:

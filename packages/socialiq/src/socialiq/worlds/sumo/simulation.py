@@ -61,14 +61,35 @@ class Body(NamedTuple):
     name: str
 
 
-class EgoState(NamedTuple):
-    """Facts that the ego knows of itself: the frame in which it sees the road, and its control."""
+class Frame(NamedTuple):
+    """Frame in which the ego sees the road: a junction's middle, to which it comes from the south.
 
-    junction: int  # number on its way of the junction that it is in or comes to
+    Where traffic keeps to the left the frame is mirrored in the ego's approach, so policies observe
+    right-hand traffic, which they were trained in.
+    """
+
     x: float  # middle of the junction in SUMO, m
     y: float
-    north_x: float  # direction of its approach there
+    north_x: float  # direction of the ego's approach there
     north_y: float
+    east: float  # 1, or -1 where it is mirrored
+
+    def turned(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return a vector of SUMO in the frame, to the east and to the south.
+
+        Args:
+            x: Its part to SUMO's east, a number or an array.
+            y: Its part to SUMO's north.
+        """
+        east = self.east * (x * self.north_y - y * self.north_x)
+        return east, -(x * self.north_x + y * self.north_y)
+
+
+class EgoState(NamedTuple):
+    """Facts that the ego knows of itself."""
+
+    junction: int  # number on its way of the junction that it is in or comes to
+    frame: Frame
     target_speed: float  # m/s
 
 
@@ -348,42 +369,35 @@ class Episode:
     @property
     def ego_state(self) -> EgoState:
         """Facts that the ego knows of itself."""
-        x, y = self._centre.tolist()
-        north_x, north_y = self._north.tolist()
-        return EgoState(self._junction, x, y, north_x, north_y, self._target)
+        return EgoState(self._junction, self._frame, self._target)
 
-    def _frame(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the middle of the junction that the ego is in or comes to, and its approach."""
+    def _frame_now(self) -> Frame:
+        """Return the frame of the junction that the ego is in or comes to."""
         network = self.scene.network
         way = self.scene.way
         self._junction = max(min(self.sumo.vehicle.getRouteIndex(EGO), len(way) - 2), 0)
         edge = network.edges[way[self._junction]]
         begin, end = edge.tail
         centre = network.junctions[edge.end][1] if edge.end in network.junctions else end
-        return centre, (end - begin) / np.hypot(*(end - begin))
+        x, y = centre.tolist()
+        north_x, north_y = ((end - begin) / np.hypot(*(end - begin))).tolist()
+        return Frame(x, y, north_x, north_y, network.right)
 
     def _bodies(self) -> list[Body]:
-        """Return the ego, then vehicles and who rides, then who walks, as the ego sees the road.
-
-        The junction's middle is the origin, and the ego's approach comes from the south.
-        """
+        """Return the ego, then vehicles and who rides, then who walks, as the ego sees the road."""
         if EGO not in self._speeds:
             return self.bodies
-        centre, north = self._centre, self._north = self._frame()
-        cx, cy = centre.tolist()
-        nx, ny = north.tolist()
+        frame = self._frame = self._frame_now()
 
         def body(domain: Any, name: str, behind: float) -> Body:
             angle = math.radians(domain.getAngle(name))  # clockwise from SUMO's north
             hx = math.sin(angle)
             hy = math.cos(angle)
             x, y = domain.getPosition(name)
-            x = x - cx - behind * hx
-            y = y - cy - behind * hy
-            along = hx * ny - hy * nx, -(hx * nx + hy * ny)
+            place = frame.turned(x - frame.x - behind * hx, y - frame.y - behind * hy)
+            along = frame.turned(hx, hy)
             heading = math.atan2(along[1], along[0])
-            speed = self._speeds[name]
-            return Body(x * ny - y * nx, -(x * nx + y * ny), heading, speed, *along, name)
+            return Body(*place, heading, self._speeds[name], *along, name)
 
         vehicles = [name for name in self.sumo.vehicle.getIDList() if name != EGO]
         cars = [

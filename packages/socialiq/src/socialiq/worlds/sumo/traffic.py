@@ -43,8 +43,8 @@ class SumoOptions(EffectOptions, _ClassOptions):
 
     net: str = "crossing"  # of `NETS`, or the path of a network
     demand: str = ""  # path of a file of routes in SUMO's XML, in the place of the drawn traffic
-    # edge on which the ego enters; by default of the way that turns left most, and of these of the
-    # lowest priority, from the south
+    # edge on which the ego enters; by default of the way that turns left most, in left-hand traffic
+    # right most, and of these of the lowest priority, from the south
     start: str = ""
     end: str = ""  # edge on which it leaves
     duration: float = 20.0  # s after which an episode times out
@@ -126,12 +126,15 @@ class Scene:
         self.way = max(chosen.values(), key=self._turn)
 
     def _turn(self, way: list[str]) -> tuple[float, int, float]:
-        """Return the sine of the angle to the left of a way, how little it may claim, and north."""
+        """Return how far a way turns across oncoming traffic, how little it may claim, and north.
+
+        The first is the sine of its angle to the left, or to the right in left-hand traffic.
+        """
         (a, b), (c, d) = (self.network.edges[way[end]].tail for end in (0, -1))
         first = (b - a) / np.hypot(*(b - a))
         last = (d - c) / np.hypot(*(d - c))
         sine = round(float(first[0] * last[1] - first[1] * last[0]), 6)
-        return sine, -self.network.edges[way[0]].priority, float(first[1])
+        return self.network.right * sine, -self.network.edges[way[0]].priority, float(first[1])
 
     def begin(self, seed: int) -> float:
         """Return the time of SUMO at which an episode begins, before its warm-up, s."""
