@@ -87,10 +87,10 @@ def rule_of(angle: float, approaching: float) -> AngleRule:
 
 
 def declared_by(rule: AngleRule, place: Path, margin: Margin) -> Path:
-    """Write a declaration of a rule beside policies of 90 and of 45 degrees."""
+    """Write a declaration of a rule beside policies of 15 and of 90 degrees."""
     dial = DialPolicy.load(packaged_results() / "dial-short" / "dial.safetensors")
     dial.at(90.0).save(place / "altruist.safetensors")
-    dial.at(45.0).save(place / "declared.safetensors")
+    dial.at(15.0).save(place / "fifteen.safetensors")
     profile = declare(45.0, "Example", "crossing7", margin, DATE, rule=rule)
     (place / "profile.toml").write_bytes(profile.source)
     return place / "profile.toml"
@@ -98,9 +98,9 @@ def declared_by(rule: AngleRule, place: Path, margin: Margin) -> Path:
 
 @pytest.mark.slow
 def test_a_condition_that_never_holds_shows_no_angle(tmp_path):
-    """Before, a driver of another angle "behaves as declared", and no caveat said otherwise."""
-    path = declared_by(rule_of(0.0, 1000.0), tmp_path, Margin(1.5))
-    report = audited(path, "declared", tmp_path / "out")
+    """Before, the driver of 15 degrees "behaves as declared" at 45, and no caveat said otherwise."""
+    path = declared_by(rule_of(0.0, 1000.0), tmp_path, Margin(0.1))
+    report = audited(path, "fifteen", tmp_path / "out")
     assert report["verdict"]["decision"] == "pass"
     assert "Direction and character are not tested" in report["verdict"]["reason"]
     assert headline(report) == VERDICTS["kept"]
