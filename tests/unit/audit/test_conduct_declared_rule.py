@@ -98,7 +98,7 @@ def declared_by(rule: AngleRule, place: Path, margin: Margin) -> Path:
 
 @pytest.mark.slow
 def test_a_condition_that_never_holds_shows_no_angle(tmp_path):
-    """Before, the driver of 15 degrees "behaves as declared" at 45, and no caveat said otherwise."""
+    """Before, the driver of 15 degrees "behaves as declared" at 45 without a caveat."""
     path = declared_by(rule_of(0.0, 1000.0), tmp_path, Margin(0.1))
     report = audited(path, "fifteen", tmp_path / "out")
     assert report["verdict"]["decision"] == "pass"
