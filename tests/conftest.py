@@ -131,6 +131,23 @@ def as_a_user_runs_it() -> Iterator[None]:
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
+@pytest.fixture(name="each_once", scope="session")
+def each_option_once() -> Callable[..., list[str]]:
+    """Return a function that keeps of each option in words the last one, with its values."""
+
+    def kept(*words: str) -> list[str]:
+        groups: dict[str, list[str]] = {}
+        option = ""
+        for word in words:
+            if word.startswith("--"):
+                option = word
+                groups[option] = []
+            groups.setdefault(option, []).append(word)
+        return [word for group in groups.values() for word in group]
+
+    return kept
+
+
 @pytest.fixture(scope="session", name="compiled", autouse=True)
 def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Folder of compiled programs, for all workers and for the processes that tests start.

@@ -35,3 +35,32 @@ def test_a_log_of_an_older_name_is_continued(tmp_path):
     path.with_name(f"examp-le-cars-{path.name.rpartition('-')[2]}").write_bytes(path.read_bytes())
     with pytest.raises(UserError, match="are logs of one owner"):
         committed(tmp_path, "Example Cars")
+
+
+@pytest.mark.parametrize(
+    "owner",
+    [
+        "Exаmple Cars",  # a Cyrillic a
+        "Example Сars",  # a Cyrillic C
+        "Exαmple Cars",  # a Greek alpha
+        "Exɑmple Cars",  # a Latin alpha of phonetics
+        "ExᴀmPLE CARS",  # a small capital
+    ],
+)
+def test_letters_that_look_alike_open_no_new_log(tmp_path, owner):
+    committed(tmp_path, "Example Cars")
+    with pytest.raises(UserError, match="look alike"):
+        committed(tmp_path, owner)
+    assert len(list(tmp_path.glob("*.jsonl"))) == 1
+
+
+@pytest.mark.parametrize("owner", ["Яндекс", "Škoda Auto", "Ελλάς", "トヨタ Motor", "Ørsted ß 7"])
+def test_names_of_one_script_open_a_log(tmp_path, owner):
+    assert [committed(tmp_path, owner) for _ in range(2)] == [1, 2]
+
+
+def test_a_log_of_such_a_name_that_exists_is_continued(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("socialiq.audit.log._ALIKE", set())
+        committed(tmp_path, "Exаmple Cars")
+    assert committed(tmp_path, "Exаmple Cars") == 2

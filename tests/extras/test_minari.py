@@ -1,6 +1,8 @@
 """Minari reads what is written, it comes back to the bit; data of others are read or refused."""
 
 import json
+import subprocess
+import sys
 from typing import Any
 
 import gymnasium
@@ -492,6 +494,24 @@ def test_names_and_folders_that_cannot_be(table, tmp_path, written):
     with pytest.raises(UserError, match="cannot make"):
         write_minari(table, tmp_path / "missing" / "new")
     assert [path.name for path in tmp_path.iterdir()] == ["mixed"]
+
+
+def test_without_room_nothing_is_written(table, tmp_path):
+    """HDF5 ended the process by a signal where a write failed, and half a file stayed."""
+    files.save(table, tmp_path / "table.safetensors")
+    limited = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)); "
+    start = "from socialiq.cli.main import main; raise SystemExit(main())"
+    words = ["data", "to-minari", str(tmp_path / "table.safetensors"), "--out"]
+    ended = subprocess.run(
+        [sys.executable, "-c", limited + start, *words, str(tmp_path / "room-v0")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 2
+    (line,) = ended.stderr.splitlines()
+    assert "make room, or choose another place" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["table.safetensors"]
 
 
 def test_commands_write_and_read(table, tmp_path, capsys):

@@ -12,6 +12,7 @@ from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
 from socialiq.audit.report.folder import sealed
 from socialiq.audit.report.verify import faults, read_report
+from socialiq.audit.report.views import VERDICTS, headline
 from socialiq.cli.output import Result
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
@@ -77,6 +78,49 @@ def test_a_constant_angle_that_declares_the_rule_fails(profile, tmp_path):
     for name, one in sealed({**kept_files, CONTEXTS: changed.encode()}, report).items():
         (tmp_path / "out" / name).write_bytes(one)
     assert any("contexts" in one for one in faults(tmp_path / "out"))
+
+
+def rule_of(angle: float, approaching: float) -> AngleRule:
+    """Return the rule of 45 degrees with another angle from a number of approaching vehicles on."""
+    when = {"angle": angle, "approaching": {"at_least": approaching}}
+    return AngleRule.of({"format": 1, "world": "crossing7", "default": 45, "when": [when]})
+
+
+def declared_by(rule: AngleRule, place: Path, margin: Margin) -> Path:
+    """Write a declaration of a rule beside policies of 15 and of 90 degrees."""
+    dial = DialPolicy.load(packaged_results() / "dial-short" / "dial.safetensors")
+    dial.at(90.0).save(place / "altruist.safetensors")
+    dial.at(15.0).save(place / "fifteen.safetensors")
+    profile = declare(45.0, "Example", "crossing7", margin, DATE, rule=rule)
+    (place / "profile.toml").write_bytes(profile.source)
+    return place / "profile.toml"
+
+
+@pytest.mark.slow
+def test_a_condition_that_never_holds_shows_no_angle(tmp_path):
+    """Before, the driver of 15 degrees "behaves as declared" at 45 without a caveat."""
+    path = declared_by(rule_of(0.0, 1000.0), tmp_path, Margin(0.1))
+    report = audited(path, "fifteen", tmp_path / "out")
+    assert report["verdict"]["decision"] == "pass"
+    assert "Direction and character are not tested" in report["verdict"]["reason"]
+    assert headline(report) == VERDICTS["kept"]
+    texts = [row["text"] for row in report["caveats"] if row["about"] == "rule"]
+    assert "not tested where 1000 <= approaching" in texts[1]
+
+
+@pytest.mark.slow
+def test_a_rule_within_one_width_is_tested_as_that_angle(tmp_path):
+    path = declared_by(rule_of(50.0, 1.0), tmp_path, Margin(1.5, None, None, 15.0, 0.075))
+    report = audited(path, "altruist", tmp_path / "out")
+    assert report["verdict"]["decision"] == "fail"
+    assert report["tests"]["direction"]["decision"] == "fail"
+    assert "beyond the declared width" in report["verdict"]["reason"]
+    assert faults(tmp_path / "out") == []
+
+
+def test_a_width_holds_all_angles_of_a_rule_or_is_refused(tmp_path):
+    with pytest.raises(UserError, match="no further apart than the width"):
+        declared_by(rule_of(0.0, 1000.0), tmp_path, Margin(0.5, None, None, 15.0))
 
 
 def test_what_is_not_tested_with_a_rule_is_refused(profile, tmp_path):

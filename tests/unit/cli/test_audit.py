@@ -45,7 +45,8 @@ def place(tmp_path_factory):
 
 def audit(place, policy, out, *more, profile="profile.toml"):
     words = ["audit", str(place / policy), "--profile", str(place / profile), "--out", str(out)]
-    return main([*words, "--episodes", "300", *more])
+    count = [] if "--episodes" in more else ["--episodes", "300"]
+    return main([*words, *count, *more])
 
 
 def report_of(folder):

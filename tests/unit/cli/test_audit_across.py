@@ -1,6 +1,7 @@
 """`audit across`: one verdict over audits of one policy in several scenarios."""
 
 import json
+import re
 import shutil
 
 import pytest
@@ -32,9 +33,30 @@ def audits(tmp_path_factory):
         floor = path.read_text().replace("max_at_fault = 0.05", "max_at_fault = 0.9")
         floor = floor.replace("max_struck = 0.1", "max_struck = 0.9")
         path.write_text(floor.replace("min_arrival = 0.8", "min_arrival = 0.1"))
+    longer = (place / "longer.toml").read_text()
+    for name, old, new in (
+        ("owner", 'owner = "unnamed owner"', 'owner = "another owner"'),
+        ("margin", "regret = 2.0", "regret = 3.0"),
+        ("floor", "max_struck = 0.9", "max_struck = 0.8"),
+    ):
+        assert old in longer
+        (place / f"{name}.toml").write_text(longer.replace(old, new))
+    bounds = ["--max-delay", "50", "--set", "ends_on=both_arrived", "--margin", "2"]
+    words = ["profile", "new", "--world", "crossing5", "--angle", "0", *bounds, "--replace"]
+    assert main([*words, "--out", str(place / "bounds.toml")]) == 0
+    text = (place / "bounds.toml").read_text()
+    for line in longer.splitlines():
+        if line.startswith(("max_at_fault", "max_struck", "min_arrival")):
+            text = re.sub(f"(?m)^{line.split()[0]} = .*$", line, text)
+    (place / "bounds.toml").write_text(text)
+    others = [("egoist", name) for name in ("owner", "margin", "floor", "bounds")]
     for policy, scenario in (
-        ("egoist", "usual"), ("egoist", "longer"), ("altruist", "longer"), ("egoist", "other"),
-    ):  # fmt: skip
+        ("egoist", "usual"),
+        ("egoist", "longer"),
+        ("altruist", "longer"),
+        ("egoist", "other"),
+        *others,
+    ):
         words = ["audit", str(place / f"{policy}.safetensors"), "--episodes", "120", "--seed", "7"]
         profile, out = str(place / f"{scenario}.toml"), str(place / f"{policy}-{scenario}")
         assert main([*words, "--profile", profile, "--out", out]) in (0, 1, 3)
@@ -56,6 +78,8 @@ def test_passes_everywhere_pass(audits, capsys):
     assert "crossing5 ends_on both_arrived" in out
     assert "PASS across 2 scenarios" in out and "at most 5 %" in out
     assert "Without a log" in out
+    notes = [line for line in out.splitlines() if line.startswith("Note (")]
+    assert any("No audit log was kept" in line and "egoist-longer" in line for line in notes)
 
 
 def test_one_failure_fails_and_json_has_each_scenario(audits, tmp_path, capsys):
@@ -78,7 +102,11 @@ def test_one_failure_fails_and_json_has_each_scenario(audits, tmp_path, capsys):
         (["egoist-usual", "altruist-longer"], "the same policy"),
         (["egoist-usual", "egoist-other"], "the same declared angle"),
         (["egoist-usual", "egoist-longer", "egoist-usual"], "of one scenario"),
-        (["egoist-usual", "nowhere"], "no such file"),
+        (["egoist-usual", "nowhere"], "has no report"),
+        (["egoist-usual", "egoist-owner"], "the same owner"),
+        (["egoist-usual", "egoist-margin"], "the same margins and width"),
+        (["egoist-usual", "egoist-floor"], "the same safety floor"),
+        (["egoist-usual", "egoist-bounds"], "the same bounds of effects"),
     ],
 )
 def test_mistakes_are_one_line(audits, names, says, capsys):

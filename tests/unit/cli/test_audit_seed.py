@@ -63,8 +63,8 @@ def test_a_commitment_to_a_round_of_soon(tmp_path, call, capsys, monkeypatch):
         (["--reference", "none.safetensors"], "no such file"),
     ],
 )
-def test_mistakes_are_one_line_and_no_look(tmp_path, call, capsys, more, mend):
-    assert main([*call, "--log", str(tmp_path / "log"), *more]) == 2
+def test_mistakes_are_one_line_and_no_look(tmp_path, call, capsys, each_once, more, mend):
+    assert main(each_once(*call, "--log", str(tmp_path / "log"), *more)) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith("socialiq: ") and mend in error
     assert list(tmp_path.iterdir()) == []

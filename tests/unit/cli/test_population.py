@@ -114,14 +114,14 @@ def test_fleets_of_two_rules(dial, tmp_path, capsys):
         (["--out", "."], "is no new place"),
     ],
 )
-def test_mistakes_of_fleets_are_one_line(dial, words, says, capsys):
-    assert main([*dial, "--episodes", "2", *words]) == 2
+def test_mistakes_of_fleets_are_one_line(dial, words, says, capsys, each_once):
+    assert main(each_once(*dial, "--episodes", "2", *words)) == 2
     message = capsys.readouterr().err
     assert says in message
     assert len(message.splitlines()) == 1
 
 
-def test_fleets_at_the_merge(dial, tmp_path, capsys):
+def test_fleets_at_the_merge(dial, tmp_path, capsys, each_once):
     words = rules(tmp_path / "merge.safetensors", 35, 5)
     assert main([*words, "merge", "--episodes", "2", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -133,6 +133,6 @@ def test_fleets_at_the_merge(dial, tmp_path, capsys):
         ([*words, "merge", "--agents", "6"], "has 5 vehicles"),
         ([*dial, "merge"], "name another policy"),
     ):
-        assert main([*call, "--episodes", "2"]) == 2
+        assert main(each_once(*call, "--episodes", "2")) == 2
         message = capsys.readouterr().err
         assert says in message and len(message.splitlines()) == 1

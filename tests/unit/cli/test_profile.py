@@ -13,9 +13,8 @@ pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 def new(path, *more):
-    return main(
-        ["profile", "new", "--world", "crossing5", "--angle", "30", "--out", str(path), *more]
-    )
+    world = [] if "--world" in more else ["--world", "crossing5"]
+    return main(["profile", "new", *world, "--angle", "30", "--out", str(path), *more])
 
 
 def test_what_new_writes_check_reads(tmp_path, capsys):

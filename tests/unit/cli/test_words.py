@@ -1,7 +1,12 @@
 """The alias `compare`, and mistakes of the parser."""
 
+import sys
+from pathlib import Path
+from types import ModuleType
+
 import pytest
 
+from socialiq.__main__ import main as begin
 from socialiq.cli.main import main
 from socialiq.cli.words import forwarded
 
@@ -56,3 +61,36 @@ def test_without_a_world_the_offline_defaults_apply(tmp_path, monkeypatch, capsy
     assert main(words) == 2
     line = capsys.readouterr().err
     assert "name a world (--world), or set value_term (--value-term)" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "mend"),
+    [
+        (["collect", "crossing5", "--seed=1_0", "--out", "OUT"], "has _ among its digits"),
+        (["collect", "crossing5", "--episodes", "1_0", "--out", "OUT"], "has _ among its digits"),
+        (["collect", "crossing5", "--seed", "1", "--out", "OUT", "--seed=2"], "--seed is given tw"),
+        (["collect", "crossing5", "--out", "-"], "- is no name of an output"),
+    ],
+)
+def test_words_that_were_taken_otherwise_than_meant_are_refused(words, mend, tmp_path, capsys):
+    out = tmp_path / "out.safetensors"
+    assert main([word.replace("OUT", str(out)) for word in words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert mend in line
+    assert not out.exists() and not Path("-").exists()
+
+
+def test_options_of_several_values_may_stand_in_several_places(tmp_path):
+    out = str(tmp_path / "out.safetensors")
+    words = ["collect", "crossing7", "--episodes", "2", "--out", out]
+    assert main([*words, "--set", "conflict=end_cell", "--set", "braking=one_level"]) == 0
+
+
+def test_ctrl_c_while_the_program_is_imported_is_one_line(monkeypatch, capsys):
+    class Stopped(ModuleType):
+        def __getattr__(self, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "socialiq.cli.main", Stopped("socialiq.cli.main"))
+    assert begin() == 130
+    assert capsys.readouterr().err == "socialiq: stopped; nothing was saved\n"

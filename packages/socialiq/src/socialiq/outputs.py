@@ -63,6 +63,8 @@ def check_place(out: Path, option: str) -> None:
     Raises:
         UserError: If the path ends in no name of a file or folder.
     """
+    if str(out) == "-":
+        raise UserError(f"- is no name of an output: name a file or folder as {option}")
     if out.name in ("", ".", ".."):
         raise UserError(f"{out} is no new place: name another {option}")
 

@@ -252,16 +252,15 @@ class Place:
 
 
 @pytest.fixture
-def place(tmp_path, declared, monkeypatch):
-    monkeypatch.setattr(verify, "read_report", lambda path: json.loads(path.read_text()))
+def place(tmp_path, declared):
     return Place(tmp_path, declared("crossing7", 0.0))
 
 
 def faults_with(place, **changes):
     for section, values in changes.items():
         place.report[section] = values and {**place.report[section], **values}
-    (place.folder / "report.json").write_text(json.dumps(place.report))
-    return " ".join(faults_by_log(place.folder, place.path))
+    content = json.dumps(place.report).encode()
+    return " ".join(faults_by_log(content, place.report, place.path))
 
 
 def test_a_look_is_found_in_its_log(place):

@@ -173,3 +173,21 @@ def test_clipped_rewards_bound_the_loss(audit):
     assert [CLIP.largest_loss(angle) for angle in (0.0, 90.0)] == [20.0, 24.0]
     assert driven.clipped(profile.clip).policy.totals.min() == -8.0
     assert decide(profile, driven, 0, 200, 0.05).decision is Decision.PASS
+
+
+def test_a_width_without_an_end_is_not_tested(audit):
+    """Before, the egoist passed direction and character at 45 degrees with a width of 60."""
+    totals = on_front(0.0, np.random.default_rng(1))
+    profile, driven = audit(45.0, totals, Margin(0.5, None, None, 60.0, 0.075))
+    found = direction_test(profile, driven, 0.05, 0.0125)
+    assert (found.decision, found.needed) == (Decision.INCONCLUSIVE, None)
+    assert "no end of the width" in found.lacking
+    assert character_test(profile, driven, 0.05, 0.0125).decision is Decision.INCONCLUSIVE
+
+
+def test_an_end_that_steps_over_the_last_angle_is_tested_at_it(outcomes):
+    """Of the classes 0 to 3 and 3 to 90 degrees the end of 25 with a width of 15 is 0, not -5."""
+    drivers = drivers_of(
+        [outcomes(str(a), [[0.0, 0.0]], angles=a) for a in ((0.0, 3.0), (3.1, 90.0))]
+    )
+    assert ends_of(drivers, 25.0, 15.0) == [0.0, None]

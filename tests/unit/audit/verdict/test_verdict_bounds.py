@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom, binomtest
 
 from socialiq.audit.profile.profile import Bound, Floor
-from socialiq.audit.verdict.bounds import bound_tests
+from socialiq.audit.verdict.bounds import MOST_CUT, bound_tests, faults_of_limits
 from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.statistics.intervals import clopper_pearson, wilson
 from socialiq.types import Ending
@@ -129,6 +129,29 @@ def test_an_effect_counts_within_its_range_and_the_others_are_counted(outcomes):
     one = delayed(outcomes, [-80.0, 0.0, 1000.0, 10.0] * 100)
     assert (one.count, one.share) == (200, (-50 + 0 + 250 + 10) / 4)
     assert one.decision is Decision.FAIL
+
+
+def limited(outcomes, declared, values, ends, **fields):
+    """Return what is said of limits of a policy whose delays are these."""
+    bound = Bound("delay", "at most", 6.0, ends)
+    profile = declared("intersection-caused", caused=(bound,), competence=FLOOR, **fields)
+    delays = {"delay": np.array(values)}
+    rows = np.zeros((len(values), 2))
+    best = outcomes("best", rows, beside={"delay": np.zeros(len(values))})
+    return faults_of_limits(profile, outcomes("policy", rows, beside=delays), best)
+
+
+@pytest.mark.parametrize("beyond", [0, 10, 11])
+def test_a_range_may_change_one_percent_of_the_episodes(outcomes, declared, beyond):
+    values = np.repeat([7.0, 0.0], [beyond, 1000 - beyond])
+    faults = limited(outcomes, declared, values, (-700.0, 6.5))
+    assert bool(faults) == (beyond > 1000 * MOST_CUT)
+    assert limited(outcomes, declared, values, (-700.0, 700.0)) == []
+
+
+def test_a_mean_counts_in_full_where_few_episodes_are_beyond_the_range(outcomes, declared):
+    (fault,) = limited(outcomes, declared, np.repeat([5000.0, 0.0], [5, 995]), (-700.0, 6.5))
+    assert "the mean delay is 25 m" in fault and "at most 6 is declared" in fault
 
 
 def test_an_effect_that_is_an_event_has_an_exact_bound(outcomes):

@@ -42,6 +42,13 @@ _INVISIBLE = re.compile("FILLER|MODIFIER LETTER|TATWEEL")
 """Names of letters that no one reads as letters: fillers of Hangul, raised commas, strokes."""
 
 
+_ALIKE = {"LATIN", "GREEK", "CYRILLIC", "COPTIC", "ARMENIAN", "CHEROKEE", "LISU"}
+"""Scripts with letters that look like those of another one, by the first word of their names."""
+
+_PHONETIC = re.compile("[\u0250-\u02af\u1d00-\u1dbf\ua720-\ua7ff\uab30-\uab6f]")
+"""Latin letters of phonetics and of small capitals, which look like the usual ones."""
+
+
 class Subject(NamedTuple):
     """Owner and scenario of a log; every look at it counts, whatever policy or profile it names.
 
@@ -72,6 +79,17 @@ class Subject(NamedTuple):
         return "".join(plain) or name
 
     @property
+    def _alike(self) -> str:
+        """First letter that can stand for one of another script in this name; "" if none can."""
+        letters = [letter for letter in self.plain_owner if letter.isalpha()]
+        scripts = {unicodedata.name(letter, "").partition(" ")[0] for letter in letters}
+        mixed = len(scripts & _ALIKE) > 1
+        rare = (letter for letter in letters if _PHONETIC.search(letter))
+        return next((letter for letter in letters if mixed and not letter.isascii()), "") or next(
+            rare, ""
+        )
+
+    @property
     def sha256(self) -> str:
         """SHA-256 of the subject; the first line of its log follows it."""
         return sha256_of(f"{_PURPOSE}\n{self.plain_owner}\n{self.scenario_sha256}\n")
@@ -80,13 +98,19 @@ class Subject(NamedTuple):
         """Return the path of its log, whose name ends in the hash: an existing one, or a new one.
 
         Raises:
-            UserError: If there are several, which have to be counted together.
+            UserError: If there are several, which have to be counted together, or a new one would
+                have a name of which other letters look alike.
         """
         ending = f"-{self.sha256[:16]}.jsonl"
         paths = sorted(folder.glob(f"*{ending}"))
         if len(paths) > 1:
             names = " and ".join(path.name for path in paths)
             raise UserError(f"{names} in {folder} are logs of one owner: agree on one of them")
+        if not paths and (letter := self._alike):
+            raise UserError(
+                f"the owner's name has '{letter}' ({unicodedata.name(letter, 'no name')}) beside "
+                "letters of another script, which look alike: write it in the letters of one"
+            )
         plain = re.sub(r"[^a-z0-9]+", "-", self.plain_owner)[:40].strip("-") or "owner"
         return paths[0] if paths else folder / f"{plain}{ending}"
 

@@ -18,7 +18,7 @@ from socialiq.audit.request import Request, is_code
 from socialiq.audit.seeds import read_nonce
 from socialiq.cli.audit import Code, CodeOptions, Several
 from socialiq.cli.output import Printing, complain, print_json, say
-from socialiq.cli.signing import fault_of_model, path_of_signature, sign_model
+from socialiq.cli.signing import fault_of_model, path_of_signature, private_copy, sign_model
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -26,6 +26,7 @@ from socialiq.policies.onnx_data import DATA_FILES, ONE_FILE
 from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
+from socialiq.types import Files, Json
 
 
 @dataclass(frozen=True)
@@ -74,27 +75,30 @@ class Verify(Printing):
         specs = () if self.rerun else self.reference  # a rerun drives them anyway
         findings = verify.check_folder(self.folder, specs, self.all_episodes)
         faults = findings.faults
+        files = findings.files
+        report = {} if faults else verify.report_of(files, self.folder)
         checked = list(findings.checked)
         if key is not None and not faults:
-            faults = signature.faults_of_signature(verify.content_of(self.folder), key)
+            faults = signature.faults_of_signature(files, key)
             checked.append(f"signature by the key {signature.key_id(key)}")
             policy = Path(self.policy)
             signed = policy.is_file() and path_of_signature(policy).is_file()
             if not faults and self.key is not None and signed:
                 checked.append("signature of the policy")
-                fault = _fault_of_policy(self.folder, policy)
-                fault = fault or fault_of_model(policy, path_of_signature(policy), self.key)
+                with private_copy(policy) as copy:
+                    fault = _fault_of_policy(report, copy, policy)
+                    fault = fault or fault_of_model(copy, path_of_signature(policy), self.key)
                 faults = [fault] if fault else []
         if self.log is not None and not faults:
-            faults = verify.faults_by_log(self.folder, self.log)
+            faults = verify.faults_by_log(files[REPORT], report, self.log)
             checked.append("audit log")
         if self.nonce is not None and not faults:
-            faults = verify.faults_by_nonce(self.folder, read_nonce(self.nonce))
+            faults = verify.faults_by_nonce(report, read_nonce(self.nonce))
             checked.append("auditor's nonce")
         if self.rerun and not faults:
-            faults = self._again()
+            faults = self._again(files, report)
             checked.append("episodes, run again")
-        claims = verify.read_report(self.folder / REPORT)["claims_of_auditor"] if not faults else []
+        claims = [] if faults else list(report["claims_of_auditor"])
         if self.log is not None and words.OF_A_LOG in claims:
             claims.remove(words.OF_A_LOG)
         if self.json:
@@ -105,13 +109,14 @@ class Verify(Printing):
             for line in _shortened(faults):
                 complain(line)
             if not faults:
-                self._print(findings, checked, claims)
+                self._print(findings, report, checked, claims)
         return 1 if faults else 3 if findings.not_checked else 0
 
-    def _print(self, findings: Findings, checked: list[str], claims: list[str]) -> None:
+    def _print(
+        self, findings: Findings, report: Json, checked: list[str], claims: list[str]
+    ) -> None:
         """Print what was checked, and what is left to believe."""
         unknown = findings.not_checked
-        report = verify.read_report(self.folder / REPORT)
         if unknown:
             line = (
                 f"is not checked as a whole: this version of socialiq would not write "
@@ -122,20 +127,21 @@ class Verify(Printing):
             again = ", and so does a rerun of the episodes" if self.rerun else ""
             line = f"is consistent: what it says follows from its episodes{again}"
         sys.stdout.write(f"{self.folder} {line}\nchecked: {'; '.join(checked)}\n")
-        left = [] if self.rerun else [*findings.believed, "how the vehicles moved (--rerun)"]
+        left = [] if self.rerun else [*findings.believed, _MOVED]
         if self.nonce is None and report["seeds"]["nonce"] is not None:
             left.append("who drew the nonce, and for whom (--nonce)")
         if self.key is None:
-            signed = (self.folder / SIGNATURES).is_file()
-            how = "--key checks its signatures" if signed else "it is not signed"
+            how = (
+                "--key checks its signatures"
+                if SIGNATURES in findings.files
+                else "it is not signed"
+            )
             left.append(f"who wrote it ({how})")
         left.append(f"claims of the auditor ({', '.join(claims)})")
         sys.stdout.write(f"left to believe: {'; '.join(left)}\n")
 
-    def _again(self) -> list[str]:
+    def _again(self, files: Files, report: Json) -> list[str]:
         """Run the audit again and compare; a report, maybe untrusted, doesn't choose the code."""
-        files = verify.content_of(self.folder)
-        report = verify.read_report(self.folder / REPORT)
         if report["hashes"]["package"] != package_sha256():
             complain("this package's code is not that of the report: numbers may differ")
         world = parse(files[PROFILE], PROFILE).scenario.world
@@ -171,6 +177,7 @@ class Verify(Printing):
         return [f"{path} differs in the rerun" for path in paths]
 
 
+_MOVED = "how the vehicles moved (--rerun)"
 _MOST_LINES = 12
 
 
@@ -180,12 +187,11 @@ def _shortened(lines: list[str]) -> list[str]:
     return [*lines[:_MOST_LINES], f"and {remaining} more"] if remaining > 0 else lines
 
 
-def _fault_of_policy(folder: Path, policy: Path) -> str:
-    """Return why a file is not the policy that was audited, whole; "" if it is."""
-    report = verify.read_report(folder / REPORT)
+def _fault_of_policy(report: Json, copy: Path, policy: Path) -> str:
+    """Return why a copy of a policy's file is not the policy that was audited; "" if it is."""
     if report["policy"].get(DATA_FILES):
         return f"{policy} is one of several files, and a signature covers one: {ONE_FILE}"
-    if sha256_of_file(policy) == report["hashes"]["policy"]:
+    if sha256_of_file(copy) == report["hashes"]["policy"]:
         return ""
     return f"{policy} is not the policy that was audited: its hash differs"
 
@@ -194,7 +200,8 @@ def _fault_of_policy(folder: Path, policy: Path) -> str:
 class Sign(Printing):
     """Sign the statement of a report, which has the hash of every file.
 
-    A report that `audit verify` finds different, or can't check, is not signed: status 1 or 3.
+    A report that `audit verify` finds different, or can't check, is not signed: status 1 or 3. What
+    was not checked is printed: `audit verify --rerun` first checks all but the auditor's claims.
     Owner and auditor may both sign. SOCIALIQ_KEY_PASSPHRASE opens an encrypted key.
 
     Example: socialiq audit sign audit --key private.pem
@@ -218,20 +225,26 @@ class Sign(Printing):
             complain(f"{name} is not checked: sign with the version of socialiq that wrote it")
         if findings.faults or findings.not_checked:
             return 1 if findings.faults else 3
-        content = verify.content_of(self.folder)
+        content = findings.files
+        report = verify.report_of(content, self.folder)
         files = {}
         if self.policy is not None:
-            if fault := _fault_of_policy(self.folder, self.policy):
-                raise UserError(fault)
-            files[path_of_signature(self.policy)] = sign_model(self.policy, self.key)
+            with private_copy(self.policy) as copy:
+                if fault := _fault_of_policy(report, copy, self.policy):
+                    raise UserError(fault)
+                files[path_of_signature(self.policy)] = sign_model(copy, self.key)
         envelope = signature.signed(content[STATEMENT], key, content.get(SIGNATURES))
         files = {self.folder / SIGNATURES: envelope} | files
         for path, text in files.items():
             write_atomically(path, text)
         signer = signature.key_id(key.public_key())
+        believed = [*findings.believed, _MOVED]
+        believed.append(f"claims of the auditor ({', '.join(report['claims_of_auditor'])})")
         if self.json:
-            print_json({"key": signer, "files": [str(path) for path in files]})
+            names = [str(path) for path in files]
+            print_json({"key": signer, "files": names, "believed": believed})
         else:
             for path in files:
                 sys.stdout.write(f"{path}: signed by the key {signer}\n")
+            sys.stdout.write(f"signed without a check: {'; '.join(believed)}\n")
         return 0

@@ -154,7 +154,9 @@ def parse(arguments: list[str] | None) -> Any:
         # Before the command's module is imported, which takes seconds.
         if options and (mistake := words.unknown_option(program, after, options)):
             raise mistake
-        command = _options_of(commands.command_class(name), program, after)
+        kind = commands.command_class(name)
+        words.refuse_twice(after, kind)
+        command = _options_of(kind, program, after)
         if "--json" in every:
             if not hasattr(command, "json"):
                 raise UserError(f"socialiq {name} prints no result: leave --json out")

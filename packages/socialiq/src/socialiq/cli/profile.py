@@ -20,7 +20,7 @@ from socialiq.audit.profile.fields import (
     TABLES,
     Range,
 )
-from socialiq.audit.verdict.bounds import faults_of_bounds
+from socialiq.audit.verdict.bounds import faults_of_declaration
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.outputs import check_ending
@@ -67,8 +67,8 @@ class New:
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     angle_rule: Path | None = None
-    """TOML file of a rule that gives the angle by the situation. --angle then only weighs whole
-    episodes in the tables of an audit."""
+    """TOML file of a rule that gives the angle by the situation. If no width holds all its angles,
+    --angle only weighs whole episodes in the tables of an audit."""
     set: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
     """KEY=VALUE ... of options of the world, as spawn_probability=0.6: another scenario."""
     owner: str = "unnamed owner"
@@ -122,18 +122,20 @@ class New:
         if (self.clip_env is None) != (self.clip_social is None):
             raise UserError("both rewards are clipped or none: give --clip-env and --clip-social")
         clip = usual.clip if loss is None else None
+        width = usual.width if self.width is None else self.width
+        rule = None if self.angle_rule is None else load_rule(self.angle_rule)
+        losses = rule is not None and not (width and rule.is_within(width, self.angle))
         if self.clip_env is not None and self.clip_social is not None:
             clip = profile.Clip(self.clip_env, self.clip_social)
-        elif clip is not None and (self.angle_rule or clip.largest_loss(self.angle) <= margin):
+        elif clip is not None and (losses or clip.largest_loss(self.angle) <= margin):
             clip = None  # a margin beyond it excludes nothing, which the audit says
         # The limits of the rewards are those of a constant angle.
-        if loss is None and clip is None and base(world) in KNOWN and not self.angle_rule:
+        if loss is None and clip is None and base(world) in KNOWN and not losses:
             loss = template.possible_loss(profile.world_of(world, options), self.angle)
             loss = loss if loss and loss > margin else None
-        width = self.width
         bounded = clip is not None or base(world) in GRIDS
-        if width is None and bounded and self.angle <= LAST_DIRECTION and not self.angle_rule:
-            width = usual.width
+        if self.width is None and not (bounded and self.angle <= LAST_DIRECTION and not losses):
+            width = None
         beyond = usual.beyond if self.beyond is None and width is not None else self.beyond
         declared = template.declare(
             self.angle,
@@ -145,7 +147,7 @@ class New:
             confidence=self.confidence,
             competence=template.floor_at(self.angle),
             allow_code=self.allow_code,
-            rule=None if self.angle_rule is None else load_rule(self.angle_rule),
+            rule=rule,
             clip=clip,
             caused=self._bounds(world, options),
         )
@@ -195,7 +197,7 @@ class Check(Printing):
         declared = reader.load(self.file)
         if base(declared.scenario.world) not in KNOWN:
             declared.world(self.allow_code)
-        for path, fault in faults_of_bounds(declared).items():
+        for path, fault in faults_of_declaration(declared).items():
             line = reader.line_of(declared.source.decode(), path)
             raise UserError(f"{self.file}:{line}: {fault}")
         facts = _facts(declared)

@@ -1,7 +1,10 @@
 """Signatures of files, FILE.sig in the same folder, in the format of OpenSSF Model Signing."""
 
 import os
+import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,22 @@ _LARGEST_KEY = 1 << 16  # bytes
 def path_of_signature(file: Path) -> Path:
     """Return the path of a file's signature: in the same folder, with .sig at the end."""
     return file.with_name(f"{file.name}.sig")
+
+
+@contextmanager
+def private_copy(file: Path) -> Iterator[Path]:
+    """Copy a file to where no one changes it between its check and its use, with the same name.
+
+    Raises:
+        UserError: If it can't be read.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        copy = Path(place) / file.name
+        try:
+            shutil.copyfile(file, copy)
+        except OSError as error:
+            raise UserError(f"cannot read {file}: {error.strerror}") from error
+        yield copy
 
 
 def sign_model(file: Path, key: Path) -> bytes:

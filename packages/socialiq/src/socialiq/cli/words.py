@@ -11,6 +11,7 @@ import math
 import re
 import sys
 import textwrap
+import typing
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -59,6 +60,8 @@ def check_words(words: Sequence[str]) -> None:
             raise UserError(f"'{one_line(word, 80)}' has a zero byte: no name or text has one")
         if any(not text.isascii() and _is_number(text) for text in (word, value)):
             raise UserError(f"'{one_line(word, 80)}' has digits of another script: write 0 to 9")
+        if any("_" in text and _is_number(text) for text in (word, value)):
+            raise UserError(f"'{one_line(word, 80)}' has _ among its digits: leave it out")
         try:
             word.encode()
         except UnicodeEncodeError:  # bytes that are not UTF-8 became halves of surrogates
@@ -100,6 +103,33 @@ def check_options(command: Any) -> None:
                 raise UserError(f"{option}: seed must be {limit}, got {text}")
         elif abs(value) > LARGEST_COUNT:
             raise UserError(f"{option} {text}: give at most {LARGEST_COUNT:,}")
+
+
+def refuse_twice(words: Sequence[str], kind: Any) -> None:
+    """Refuse an option that is given twice, of which the parser would take the last.
+
+    Args:
+        words: Words that follow the command's name.
+        kind: Class of the command.
+
+    Raises:
+        UserError: If an option that takes its values in one place is given in two.
+    """
+    given = [word.partition("=")[0].replace("_", "-") for word in words if word[:2] == "--"]
+    several = {f"--{name.rstrip('_').replace('_', '-')}" for name in _appended(kind)}
+    for position, option in enumerate(given):
+        if option in given[:position] and option not in several:
+            raise UserError(f"{one_line(option, 80)} is given twice: give it once, with all values")
+
+
+def _appended(kind: Any) -> Iterator[str]:
+    """Yield the fields of a dataclass, and of those below, that take values in several places."""
+    for name, hint in typing.get_type_hints(kind, include_extras=True).items():
+        if "UseAppendAction" in str(hint):
+            yield name
+        for inner in (hint, *typing.get_args(hint)):
+            if isinstance(inner, type) and dataclasses.is_dataclass(inner):
+                yield from _appended(inner)
 
 
 def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:

@@ -12,8 +12,11 @@ it, rewards of two numbers a step, as a vector environment records them, are the
 columns of a table are in `infos["socialiq"]` and in the metadata.
 """
 
+import errno
 import json
+import os
 import re
+import tempfile
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -313,6 +316,7 @@ def write_minari(
             f"'{one_line(name)}' is not a Minari name: give letters, digits, - and _, then -v0"
         ) from error
     with whole_folder(folder) as temporary:
+        _check_room(temporary, table)
         _write(minari, demonstrations, temporary.absolute() / DATA_FOLDER, name, angle)
     return folder / DATA_FOLDER
 
@@ -321,6 +325,31 @@ def id_of(folder: Path) -> str:
     """Return Minari's name of a data set from its folder."""
     name = re.sub(r"[^\w-]", "_", folder.absolute().name, flags=re.ASCII)
     return name if re.search(r"-v\d+$", name) else f"{name}-v0"
+
+
+_OVERHEAD = 2**16
+"""Bytes of an episode in HDF5 beside its numbers: groups, attributes and their least sizes."""
+
+
+def _check_room(folder: Path, table: Demonstrations) -> None:
+    """Reserve the bytes of a data set for a moment: HDF5 ends the process on a full disk.
+
+    Raises:
+        UserError: If there is not so much room.
+    """
+    numbers = table.observation.nbytes + 64 * table.n_transitions
+    size = 2 * numbers + _OVERHEAD * len(table.episode_starts)
+    with tempfile.TemporaryFile(dir=folder) as file:
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)
+        except AttributeError:  # the system has no such call
+            return
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise UserError(
+                    f"cannot write {size:,} bytes in {folder.parent}: {error.strerror}; make room, "
+                    "or choose another place"
+                ) from error
 
 
 def _write(minari: ModuleType, table: Demonstrations, path: Path, name: str, angle: float) -> None:

@@ -378,9 +378,9 @@ class Greedy:
 
     def __init__(self, dial: DialPolicy | ClassDial) -> None:
         self._layers = dataclasses.replace(dial.turned, view=None)
-        view = dial.turned.view
-        pooled = isinstance(view, View) and view.choice.pooled
-        self._encode: Any = PresentRows(view) if pooled else view
+        self._encode: Any = dial.turned.view
+        if isinstance(self._encode, View) and self._encode.choice.pooled:
+            self._encode = PresentRows(self._encode)
         self._classes = isinstance(dial, ClassDial)
         self._knots = getattr(dial, "knots", ())
         self._pairs = dial.pairs

@@ -115,6 +115,16 @@ class AngleRule:
         ]
         return min(every), max(every)
 
+    def is_within(self, width: float, angle: float) -> bool:
+        """Whether its angles are no further apart than a width, and hold an angle; in degrees.
+
+        Args:
+            width: The width.
+            angle: The angle.
+        """
+        low, high = self.span
+        return high - low <= width and low <= angle <= high
+
     def context(self, features: Features, rows: int) -> Int64[np.ndarray, " row"]:
         """Return the number of the context of each situation.
 

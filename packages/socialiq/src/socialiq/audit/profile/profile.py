@@ -282,8 +282,8 @@ class Floor:
 class Profile:
     """Declaration of a policy's social angle.
 
-    A rule gives the angle by the situation. With one, `angle` weighs whole episodes in tables and
-    pictures, and doesn't decide.
+    A rule gives the angle by the situation. If a width holds all its angles, the policy is tested
+    as one of `angle`; else `angle` weighs whole episodes in tables and pictures without deciding.
     """
 
     angle: float  # degrees in [0, 360)
@@ -310,9 +310,16 @@ class Profile:
         return tuple(dict.fromkeys(bound.quantity for bound in self.caused))
 
     @property
+    def losses_decide(self) -> bool:
+        """Whether decision losses decide: a rule is declared whose angles no width holds."""
+        return self.rule is not None and self.margin.width is None
+
+    @property
     def largest_loss(self) -> float | None:
-        """Largest loss of an episode at the declared angle: by the clip, or as declared."""
-        return self.clip.largest_loss(self.angle) if self.clip else self.margin.largest_loss
+        """Largest loss of an episode: by the clip, which decision losses lack, or as declared."""
+        if self.clip is None or self.losses_decide:
+            return self.margin.largest_loss
+        return self.clip.largest_loss(self.angle)
 
     @property
     def error(self) -> float:

@@ -120,6 +120,13 @@ class _Reader:
                 check_rule(rule, values["scenario.world"])
             except UserError as error:
                 self.refuse(fields.RULE, _quoted(str(error), quoted=False))
+            width = values["margin.width"]
+            if width is not None and not rule.is_within(width, values["angle"]):
+                self.refuse(
+                    "margin.width",
+                    "a width is of one angle, and of a rule whose angles are no further apart than "
+                    "the width, with the field angle among them: leave out margin.width",
+                )
         tables: dict[str, Any] = {
             table: {key: values[field.path] for key, field in keys.items()}
             for table, keys in fields.TABLES.items()
@@ -197,7 +204,7 @@ class _Reader:
         if values["margin.width"] is None and values["margin.beyond"] is not None:
             self.refuse("margin.beyond", "margin.beyond is of a width's ends: add margin.width")
         if values["margin.width"] is not None:
-            if values["angle"] > fields.LAST_DIRECTION or values[fields.RULE] is not None:
+            if values["angle"] > fields.LAST_DIRECTION:
                 self.refuse(
                     "margin.width", "a width is of one angle from 0 to 90: leave out margin.width"
                 )

@@ -18,6 +18,7 @@ from socialiq.audit.profile.template import possible_loss
 from socialiq.audit.report import words
 from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
 from socialiq.audit.verdict import results as judged
+from socialiq.audit.verdict.bounds import faults_of_limits
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
@@ -106,6 +107,8 @@ def results_of(audited: Audited) -> Results:
     findings = [dependence(audited.consistency, not audited.deterministic)]
     if audited.consistency is not None:  # other policies run in this package's code
         findings.append(judged.order_dependence(audited.evidence[0]))
+    best = next(row for row in compared.references if row.name == verdict.regret.best)
+    findings += faults_of_limits(profile, compared.policy, best)
     if discrimination.excludes_nothing:
         findings.append(
             "The declaration excludes nothing: constant actions and random ones would pass it too. "
@@ -185,7 +188,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     regret = results.verdict.regret
     world = profile.scenario.world
     # Making an environment may run code; its limits are not known anyway.
-    limited = base(world) in KNOWN and profile.rule is None
+    limited = base(world) in KNOWN and not profile.losses_decide
     possible = possible_loss(profile.world(), profile.angle) if limited else None
     traces = [trace for rows in audited.traces.values() for trace in rows]
     # In an environment nothing is run again; a policy that draws its actions may draw others.
@@ -196,10 +199,12 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     rows = [row for row in known if row.name not in audited.left_out]
     equals = [words.plain_name(row.name, row.angles) for row in rows if driven.drove_as(row)]
     return [
-        *words.caveats_of_declaration(
-            profile.rule, profile.angle, results.verdict, results.discrimination
+        *words.caveats_of_declaration(profile, results.verdict, results.discrimination),
+        *(
+            []
+            if profile.clip and not profile.losses_decide
+            else words.caveats_of_loss(regret, possible)
         ),
-        *([] if profile.clip else words.caveats_of_loss(regret, possible)),
         *words.caveats_of_clip(profile, audited.evidence[0]),
         *words.caveats(audited.drawn, audited.look, audited.policy, world),
         *words.caveats_of_episodes(equal, len(repeated), equals),

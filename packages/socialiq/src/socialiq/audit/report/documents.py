@@ -21,14 +21,21 @@ CONTINUOUS = "intersection with continuous actions"
 JUNCTION = "recorded junction"
 
 
+def losses_decide(report: Json) -> bool:
+    """Whether decision losses decide (`Profile.losses_decide`)."""
+    declared = report["declaration"]
+    return "angle_rule" in declared and declared["margin"]["width"] is None
+
+
 def shows_angle(report: Json) -> bool:
     """Whether a pass shows the declared angle, or rule: no trivial driver passes, nor a neighbour.
 
-    Without a declared width drivers of other angles pass too.
+    Without a declared width drivers of other angles pass too, and by a rule whose angles no width
+    holds those that never meet its conditions.
     """
     direction = report["tests"]["direction"]
-    undirected = direction is not None and direction["decision"] is None
-    return not undirected and not report["discrimination"]["trivial_passes"]
+    directed = direction is not None and direction["decision"] is not None
+    return directed and not report["discrimination"]["trivial_passes"]
 
 
 def credibility(report: Json) -> Json:
@@ -73,7 +80,7 @@ class Claim(NamedTuple):
 def claims(report: Json) -> list[Claim]:
     """Return the nodes of the tree, the root first."""
     where = f"at {report['declaration']['angle']:g} degrees"
-    where = "by its rule of the angle" if "angle_rule" in report["declaration"] else where
+    where = "by its rule of the angle" if losses_decide(report) else where
     world = report["declaration"]["scenario"]["world"]
     tests = report["tests"]
     floor = joint_decision(Decision(test["decision"]) for test in tests["competence"]).value
@@ -161,7 +168,7 @@ def materials(report: Json) -> bytes:
     competence = report["tests"]["competence"]
     angle = f"{declared['angle']:g} degrees"
     name = f"regret at {regret['angle']:g} degrees per episode"
-    if "angle_rule" in declared:
+    if losses_decide(report):
         angle = declared["angle_rule"]["words"]
         name = "decision loss at the declared rule per episode"
     measured = [(name, regret["regret"], regret)]

@@ -23,7 +23,7 @@ from socialiq.audit.report.content import Audited
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.policies import drivers
-from socialiq.types import Json
+from socialiq.types import Files, Json
 from socialiq.worlds.catalogue import KNOWN, base
 from socialiq.worlds.world import World
 
@@ -40,13 +40,15 @@ class Findings:
     """Result of the checks that need neither the policy nor a key.
 
     There are no faults if the files are consistent with each other. What this version can't check,
-    or what another processor may explain, may say anything.
+    or what another processor may explain, may say anything. `files` are the bytes that were
+    checked: who reads the folder again may read others.
     """
 
     faults: list[str] = field(default_factory=list)
     not_checked: list[str] = field(default_factory=list)
     checked: list[str] = field(default_factory=list)
     believed: list[str] = field(default_factory=list)
+    files: Files = field(default_factory=dict)  # content of the folder's files by path
 
 
 def check_references(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from socialiq.audit.seeds import Commitment, Nonce
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
-from socialiq.reading import open_file, sha256_of_file
+from socialiq.reading import open_file, sha256_of
 from socialiq.types import Files, Json
 
 LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 100,000
@@ -129,7 +130,7 @@ def content_of(folder: Path) -> Files:
 
 
 def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = False) -> Findings:
-    """Check the hashes of a folder, that its files follow from each other, and its references.
+    """Read a folder once; check its hashes, that its files follow from each other, its references.
 
     Another version of this package may have written other pages and numbers from the same episodes;
     but anyone can write the hash of another version into a report. So what this version would not
@@ -144,11 +145,24 @@ def check_folder(folder: Path, specs: Sequence[str] = (), all_episodes: bool = F
         UserError: As `content_of`, or if its report or declaration can't be read.
     """
     files = content_of(folder)
+    return replace(_check(files, folder, specs, all_episodes), files=files)
+
+
+def report_of(files: Files, folder: Path) -> Json:
+    """Return the content of `report.json` among files by path; the folder is for messages.
+
+    Raises:
+        UserError: If it doesn't follow the schema.
+    """
+    return _parsed(files[REPORT], folder / REPORT)
+
+
+def _check(files: Files, folder: Path, specs: Sequence[str], all_episodes: bool) -> Findings:
     damage = _of_manifest(files)
     if damage:
         return Findings(damage)
     # A forger can change hashes too; the files must still be consistent with the report.
-    report = _parsed(files[REPORT], folder / REPORT)
+    report = report_of(files, folder)
     if PROFILE in files:
         hashes = report["hashes"]
         declared = parse(files[PROFILE], PROFILE)
@@ -228,22 +242,19 @@ def _listed(content: bytes) -> dict[str, str]:
     return {name: sha256 for sha256, name in pairs}
 
 
-def faults_by_nonce(folder: Path, nonce: Nonce) -> list[str]:
+def faults_by_nonce(report: Json, nonce: Nonce) -> list[str]:
     """Return why a report's seed is not that of a nonce, revealed for the report's commitment.
 
     `check_folder` must have found no faults in the report.
 
     Args:
-        folder: Folder of the report.
+        report: Content of `report.json`.
         nonce: The nonce.
 
     Returns:
         One line; none if the seed comes from the nonce.
-
-    Raises:
-        UserError: If the report can't be read.
     """
-    draw, look = opened_of(read_report(folder / REPORT))
+    draw, look = opened_of(report)
     if draw.revealed != nonce:
         return [f"{REPORT} has not the nonce of {nonce.file}"]
     if look is None or nonce.commitment != look.entry:
@@ -251,7 +262,7 @@ def faults_by_nonce(folder: Path, nonce: Nonce) -> list[str]:
     return []
 
 
-def faults_by_log(folder: Path, path: Path) -> list[str]:
+def faults_by_log(content: bytes, report: Json, path: Path) -> list[str]:
     """Return the differences between a report and a log.
 
     The log may have grown since. Every commitment before the report's counts as a look, so a report
@@ -259,7 +270,8 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
     report.
 
     Args:
-        folder: Folder of the report.
+        content: Bytes of `report.json`.
+        report: What they hold.
         path: File of the log.
 
     Returns:
@@ -268,7 +280,6 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
     Raises:
         UserError: If the log can't be read, or its chain is broken.
     """
-    report = read_report(folder / REPORT)
     draw, look = opened_of(report)
     if look is None:
         return [f"{REPORT} names no audit log"]
@@ -305,6 +316,6 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
         if logged != told
     ]
     result = log.following(RESULT, look.entry)
-    if result is None or result["report_sha256"] != sha256_of_file(folder / REPORT):
+    if result is None or result["report_sha256"] != sha256_of(content):
         differing.append(f"{path} has another result for look {number}, or none")
     return differing

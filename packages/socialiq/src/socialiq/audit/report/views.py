@@ -12,7 +12,7 @@ from socialiq.audit.evidence.outcomes import criterion
 from socialiq.audit.profile.fields import QUANTITIES, Range
 from socialiq.audit.profile.profile import is_recorded, measured_in, world_of
 from socialiq.audit.report import animations, pictures, words
-from socialiq.audit.report.documents import shows_angle
+from socialiq.audit.report.documents import losses_decide, shows_angle
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
 from socialiq.physics import wrapped
@@ -199,7 +199,7 @@ def tested(report: Json) -> Rows:
 
     angle = degrees(declared["angle"])
     names = "reward below best", f"reward below the best reference driver's at {angle}, per episode"
-    if "angle_rule" in declared:
+    if losses_decide(report):
         names = "decision loss", "decision loss at the declared rule, per episode"
     ends = (number(regret[key]) for key in ("regret", "low", "high"))
     add(*names, regret["decision"], f"at most {number(regret['margin'])}", *ends)

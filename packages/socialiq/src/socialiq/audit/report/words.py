@@ -6,20 +6,20 @@ import functools
 import tomllib
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from socialiq.audit.evidence.drive import PREFIX
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.look import Look
-from socialiq.audit.profile.profile import Profile, measured_in
+from socialiq.audit.profile.profile import Profile
 from socialiq.audit.request import DIAL
 from socialiq.audit.seeds import NETWORK, Draw, Round
+from socialiq.audit.verdict.bounds import cuts_of
 from socialiq.audit.verdict.regret import RegretTest
 from socialiq.audit.verdict.results import Discrimination
-from socialiq.audit.verdict.verdict import Verdict
+from socialiq.audit.verdict.verdict import UNDIRECTED, Verdict
 from socialiq.isolation import NONE
 from socialiq.physics import wrapped
-from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Json
 
 OPTIMUM = "optimum_"  # beginning of the names of exact optima (`evidence.drive.exact_optima`)
@@ -152,24 +152,16 @@ def caveats_of_episodes(replayed: int, chosen: int, equals: Sequence[str] = ()) 
 
 
 def caveats_of_declaration(
-    rule: AngleRule | None, angle: float, verdict: Verdict, tried: Discrimination
+    profile: Profile, verdict: Verdict, tried: Discrimination
 ) -> Iterator[Caveat]:
     """Yield what the rule, the margin and the width of a declaration do not say.
 
     Args:
-        rule: The declared rule, if there is one.
-        angle: Declared angle in degrees.
+        profile: The declaration.
         verdict: Verdict of the audit.
         tried: Drivers that would pass the declaration.
     """
-    if rule is not None:
-        text = (
-            f"A rule of the angle is declared: {rule.words}. The first test is of decision losses: "
-            "what each decision costs by the angle of its situation, if the best reference of that "
-            f"angle drives on. Other tables and pictures weigh whole episodes at {angle:g} degrees "
-            "and don't decide."
-        )
-        yield Caveat("rule", text)
+    yield from _caveats_of_rule(profile, verdict)
     if tried.trivial_passes:
         names = " and one that ".join(map(plain_name, tried.trivial_passes))
         text = (
@@ -178,19 +170,45 @@ def caveats_of_declaration(
         )
         yield Caveat("margin", text)
     direction = verdict.direction
-    if direction is None or verdict.character is not None:
+    if direction is None:
         return
-    text = (
-        "The declaration has no share of episodes beyond its width: a policy that draws its "
-        "character by the episode is not told apart from one of the declared angle."
-    )
     if direction.decision is None:
         text = (
             "The declaration has no width: a pass says that the policy earns enough at the "
             f"declared angle, as drivers of other angles do, and not how it drives; "
             f"{direction.where}. A declaration with margin.width tests that."
         )
-    yield Caveat("direction", text)
+        yield Caveat("direction", text)
+    elif verdict.character is None:
+        text = (
+            "The declaration has no share of episodes beyond its width: a policy that draws its "
+            "character by the episode is not told apart from one of the declared angle."
+        )
+        yield Caveat("direction", text)
+
+
+def _caveats_of_rule(profile: Profile, verdict: Verdict) -> Iterator[Caveat]:
+    """Yield what a declared rule tests, and which of its situations never occurred."""
+    rule = profile.rule
+    if rule is None:
+        return
+    text = (
+        f"A rule of the angle is declared: {rule.words}. The width holds all its angles, so the "
+        f"policy is tested as one of {profile.angle:g} degrees."
+    )
+    if profile.losses_decide:
+        text = (
+            f"A rule of the angle is declared: {rule.words}. The first test is of decision losses: "
+            "what each decision costs by the angle of its situation, if the best reference of that "
+            "angle drives on. Other tables and pictures weigh whole episodes at "
+            f"{profile.angle:g} degrees and don't decide. {UNDIRECTED} Drivers of other angles may "
+            "lose as little."
+        )
+    yield Caveat("rule", text)
+    absent = [row.context for row in verdict.contexts or () if not row.decisions]
+    if absent:
+        text = f"The rule's angle is not tested where {' and where '.join(absent)}: this never was."
+        yield Caveat("rule", text)
 
 
 def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
@@ -200,26 +218,13 @@ def caveats_of_clip(profile: Profile, evidence: Evidence) -> Iterator[Caveat]:
         profile: The declaration.
         evidence: Evidence before rewards and effects are clipped.
     """
-    clip = profile.clip
-    drivers = evidence.policy, *evidence.references
-    cut = dict[str, Any]()
-    if clip is not None:
-        (least, social), (most, largest) = clip.ends
-        text = f"R_env of an episode from {least:g} to {most:g} and R_social from {social:g} to "
-        cut[f"{text}{largest:g}"] = [
-            (row.clipped(clip).totals != row.totals).any(axis=1) for row in drivers
-        ]
-    for name, ends in {bound.quantity: bound.range for bound in profile.caused}.items():
-        if ends is not None:
-            unit = measured_in(profile.scenario.world)[name]
-            text = f"the {name} of an episode from {ends[0]:g} to {ends[1]:g} {unit}"
-            cut[text] = [row.episodes[name].clip(*ends) != row.episodes[name] for row in drivers]
-    for text, changed in cut.items():
-        policy, *references = (int(episodes.sum()) for episodes in changed)
-        if policy or any(references):
+    for cut in cuts_of(profile, [evidence.policy, *evidence.references]):
+        policy, *references = cut.episodes
+        if any(cut.episodes):
             text = (
-                f"The declaration counts {text}. This changed {policy:,} of {evidence.episodes:,} "
-                f"episodes of the policy, and {sum(references):,} of its references together."
+                f"The declaration counts {cut.words}. This changed {policy:,} of "
+                f"{evidence.episodes:,} episodes of the policy, and {sum(references):,} of its "
+                "references together."
             )
             yield Caveat("clip", text)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from socialiq.audit.evidence import drive
 from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes, criterion
+from socialiq.audit.profile.fields import CAUSED, CLIP, LAST_DIRECTION
 from socialiq.audit.profile.profile import Bound, Profile, measured_in
 from socialiq.audit.request import shipped_dial
 from socialiq.audit.seeds import episode_seeds
@@ -154,16 +155,118 @@ def _by_betting(
     return most - ends[0], least + ends[1], needed
 
 
+MOST_CUT = 0.01
+"""Largest share of a driver's episodes that limits of rewards or effects may change. What lies
+beyond them is not tested, and an end inside of usual episodes chooses the result."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Declared limits of a reward or an effect of an episode, and the episodes that they change."""
+
+    path: str  # of the field
+    words: str  # what is counted from where to where
+    episodes: tuple[int, ...]  # number of changed episodes of each driver
+
+
+def cuts_of(profile: Profile, drivers: Sequence[Outcomes]) -> list[Cut]:
+    """Return the declared limits of rewards and effects, with the episodes that they change.
+
+    Args:
+        profile: The declaration.
+        drivers: Drivers before rewards and effects are clipped.
+    """
+    clip = profile.clip
+    cuts = list[Cut]()
+    if clip is not None:
+        (least, social), (most, largest) = clip.ends
+        words = f"R_env of an episode from {least:g} to {most:g} and R_social from {social:g} to "
+        changed = [(row.clipped(clip).totals != row.totals).any(axis=1) for row in drivers]
+        counts = tuple(int(episodes.sum()) for episodes in changed)
+        cuts.append(Cut(CLIP, f"{words}{largest:g}", counts))
+    for quantity, ends in {bound.quantity: bound.range for bound in profile.caused}.items():
+        if ends is not None:
+            unit = measured_in(profile.scenario.world)[quantity]
+            words = f"the {quantity} of an episode from {ends[0]:g} to {ends[1]:g} {unit}"
+            values = [row.episodes[quantity] for row in drivers]
+            counts = tuple(int((row.clip(*ends) != row).sum()) for row in values)
+            cuts.append(Cut(f"{CAUSED}.{quantity}_range", words, counts))
+    return cuts
+
+
+def unclipped(bound: Bound, driver: Outcomes) -> Bound:
+    """Return a bound whose range holds every episode of a driver."""
+    if bound.range is None:
+        return bound
+    values = driver.episodes[bound.quantity]
+    low = min(bound.range[0], float(values.min()))
+    high = max(bound.range[1], float(values.max()))
+    return replace(bound, range=(low, high))
+
+
+def faults_of_limits(profile: Profile, policy: Outcomes, best: Outcomes) -> list[str]:
+    """Return why declared limits of rewards and effects, not the driving, may have given a pass.
+
+    Args:
+        profile: The declaration.
+        policy: Episodes of the policy, before rewards and effects are clipped.
+        best: Episodes of the best reference at the declared angle, not clipped either.
+
+    Returns:
+        A sentence for each limit that changes too many episodes, and for each mean that is beyond
+        its limit where every episode counts as it is.
+    """
+    faults = list[str]()
+    for cut in cuts_of(profile, [policy, best]):
+        of = ("the policy", "the best reference driver")
+        for name, count in zip(of, cut.episodes, strict=True):
+            if count > MOST_CUT * len(policy.totals):
+                faults.append(
+                    f"The declaration counts {cut.words}, which changes {count:,} of "
+                    f"{len(policy.totals):,} episodes of {name} (at most {100 * MOST_CUT:g} % may "
+                    "be changed): what lies beyond is not tested. Declare wider limits."
+                )
+                break
+    angle = profile.angle
+    regret = float(best.values(angle).mean() - policy.values(angle).mean())
+    if profile.clip is not None and not profile.losses_decide and regret > profile.margin.regret:
+        faults.append(
+            f"With every episode counted as it is, the policy earns {regret:.3g} less than the "
+            f"best reference driver ({profile.margin.regret:g} less is allowed)."
+        )
+    for bound in profile.caused:
+        mean = float(policy.episodes[bound.quantity].mean())
+        if mean < bound.limit if bound.side == "at least" else mean > bound.limit:
+            unit = measured_in(profile.scenario.world)[bound.quantity] or "of episodes"
+            faults.append(
+                f"With every episode counted as it is, the mean {bound.quantity} is {mean:.3g} "
+                f"{unit}, and {bound.side} {bound.limit:g} is declared."
+            )
+    return faults
+
+
 CHECKED = 1_000
 """Episodes of the best driver of an angle, on fixed seeds, against which bounds are checked."""
 
 
-def faults_of_bounds(profile: Profile) -> dict[str, str]:
-    """Return why the best driver of the declared angle fails a bound, by field of a declaration.
+def faults_of_declaration(profile: Profile) -> dict[str, str]:
+    """Return why a declaration can't be shown, by field.
 
-    Every policy of that angle would fail too. Where no such driver is known, the result is empty.
+    The best driver of the declared angle fails a bound, and every policy of that angle would, or
+    the width has no end that could be tested. Where no such driver is known, bounds aren't checked.
     """
-    if base(profile.scenario.world) not in KNOWN or profile.rule is not None:
+    faults = _faults_of_bounds(profile)
+    width = profile.margin.width
+    if width is not None and width > max(profile.angle, LAST_DIRECTION - profile.angle):
+        faults["margin.width"] = (
+            f"a width of {width:g} degrees has no end from 0 to {LAST_DIRECTION:g} degrees, so "
+            "that every direction is within it: declare a smaller one"
+        )
+    return faults
+
+
+def _faults_of_bounds(profile: Profile) -> dict[str, str]:
+    if base(profile.scenario.world) not in KNOWN or profile.losses_decide:
         return {}
     angle = profile.angle
     name = profile.scenario.world
@@ -177,13 +280,23 @@ def faults_of_bounds(profile: Profile) -> dict[str, str]:
         best = course.drive(dial[0][0])
     if best is None:
         return {}
-    return {
+    faults = {
+        cut.path: (
+            f"{cut.words} changes {cut.episodes[0]:,} of {CHECKED:,} episodes of the best driver "
+            f"of {angle:g} degrees (at most {100 * MOST_CUT:g} % may be changed): declare wider "
+            "limits"
+        )
+        for cut in cuts_of(profile, [best])
+        if cut.episodes[0] > MOST_CUT * CHECKED
+    }
+    bounds = [unclipped(bound, best) for bound in profile.bounds]
+    return faults | {
         bound.path: (
             f"the best driver of {angle:g} degrees "
             f"{test.told(test.share, name, of=f'{CHECKED:,} episodes')}, and the "
             f"{'floor' if test.name in CRITERIA else 'bound'} asks for {test.limit_told(name)}: "
             "declare another limit"
         )
-        for bound, test in zip(profile.bounds, bound_tests(best, profile.bounds), strict=True)
+        for bound, test in zip(bounds, bound_tests(best, bounds), strict=True)
         if test.decision is Decision.FAIL
     }

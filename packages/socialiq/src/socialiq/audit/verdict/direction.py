@@ -97,9 +97,11 @@ def ends_of(drivers: Sequence[Driver], angle: float, width: float | None) -> lis
     declared = driver_of(drivers, angle)
     ends = list[float | None]()
     for step in () if width is None else (-width, width):
+        last, nearer = (LAST_DIRECTION, min) if step > 0.0 else (0.0, max)
         end = angle + step
         while declared is not None and declared is driver_of(drivers, end):
-            end += step
+            # The last angle may be that of another class, which a whole step would leave out.
+            end = end + step if end == last else nearer(end + step, last)
         ends.append(end if 0.0 <= end <= LAST_DIRECTION else None)
     return ends or [None, None]
 
@@ -192,11 +194,14 @@ def direction_test(
     compared = [row for row in drivers if bounded and (not ends_only or row in tested)]
     values, limits = _differences(profile, evidence.policy, compared)
     missing = [end for end, row in zip(ends, tested, strict=True) if end is not None and not row]
+    lacking = f"no reference driver of {missing[0]:g} degrees" if missing else ""
+    if width is not None and ends == [None, None]:
+        lacking = f"no end of the width from 0 to {LAST_DIRECTION:g} degrees"
     ways, beyond = _ways(values, np.array([pass_error, fail_error / 2]))
     rows = [(compared.index(row), way) for row, way in zip(tested, _WAYS, strict=True) if row]
     decision = None
     if width is not None:
-        within = not missing and all(ways[row] == way for row, way in rows)
+        within = not lacking and all(ways[row] == way for row, way in rows)
         broken = any(beyond[row] not in (way, "not known") for row, way in rows)
         decision = Decision.of(within, broken)
     away = (-np.sign(values[row].mean()) * values[row] for row, _ in rows)
@@ -213,7 +218,7 @@ def direction_test(
         width=width,
         low=ends[0],
         high=ends[1],
-        lacking=f"no reference driver of {missing[0]:g} degrees" if missing else "",
+        lacking=lacking,
         above=first[-1].high if first else None,
         below=last[-1].low if last else None,
         sides=tuple(
@@ -222,7 +227,7 @@ def direction_test(
         ),
         pass_error=pass_error,
         fail_error=fail_error,
-        needed=slowest(needs) if decision is Decision.INCONCLUSIVE and not missing else None,
+        needed=slowest(needs) if decision is Decision.INCONCLUSIVE and not lacking else None,
     )
 
 
@@ -310,7 +315,7 @@ def character_test(
 ) -> CharacterTest | None:
     """Test the shares of episodes beyond the ends of the direction.
 
-    Without drivers of the declared angle and of both ends the test is inconclusive.
+    Without an end, or drivers of it and of the declared angle, the test is inconclusive.
 
     Args:
         profile: The declaration.
@@ -331,7 +336,8 @@ def character_test(
     compared = [driver_of(drivers, at) for at in (angle, *(end for end in ends if end is not None))]
     rewards = [row.outcomes.values(angle + 90.0) for row in compared if row]
     ours = evidence.policy.values(angle + 90.0)
-    complete = len(rewards) == len(compared)
+    # Of the declared angle and of an end at least.
+    complete = len(rewards) == len(compared) > 1
     rows = []
     for end, name, sign in zip(ends, _WAYS[::-1], (-1.0, 1.0), strict=True):
         if end is not None and complete:

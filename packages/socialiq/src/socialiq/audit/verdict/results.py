@@ -309,6 +309,10 @@ ORDER_ERROR = 0.001
 """Largest chance that a policy without a memory is found to depend on the order. It can't pass
 then, so that the error of a wrong pass has no share of it."""
 
+_ROUNDING = 1e-9
+"""Part of the largest reward below which two rewards are equal. In a deterministic world all
+episodes are, and the order of their rounding errors is that of the summation."""
+
 
 def order_dependence(evidence: Evidence) -> str:
     """Return that the policy's rewards depend on the order of the episodes; "" if none is found.
@@ -317,12 +321,16 @@ def order_dependence(evidence: Evidence) -> str:
     each reward the test takes the largest sum of the first episodes' deviations from the mean,
     relative to the references' mean of the same episodes (CUSUM; Brown, Durbin and Evans 1975).
     Divided by their deviation and √n, the path is close to a Brownian bridge, whose maximum has
-    Kolmogorov's distribution; of few values it is smaller. Bounds of a mean are wrong where a
-    policy drives well at first only: they may decide before the rest counts.
+    Kolmogorov's distribution; of few values it is smaller. Rewards that are equal but for rounding
+    have no order. Bounds of a mean are wrong where a policy drives well at first only: they may
+    decide before the rest counts.
     """
-    means = np.mean([row.totals for row in evidence.references], axis=0)
+    totals = [evidence.policy.totals, *(row.totals for row in evidence.references)]
+    floor = _ROUNDING * max(1.0, float(np.abs(totals).max()))
     chances = []
-    for values in (evidence.policy.totals - means).T:
+    for values in (totals[0] - np.mean(totals[1:], axis=0)).T:
+        values = values - np.median(values)
+        values[np.abs(values) <= floor] = 0.0
         scale = float(values.std()) * np.sqrt(len(values))
         path = np.cumsum(values - values.mean()) / (scale or np.inf)
         chances.append(float(kolmogorov(np.abs(path).max())))

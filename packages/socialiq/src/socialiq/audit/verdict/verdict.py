@@ -52,7 +52,7 @@ class Decisive:
     needed: int | None
     regret: RegretTest  # the primary test
     competence: tuple[BoundTest, ...]  # of the safety floor, then of what the policy causes
-    direction: DirectionTest | None = None  # None for a declared rule
+    direction: DirectionTest | None = None  # None for a rule whose angles no width holds
     character: CharacterTest | None = None  # None if no share is declared
 
     @property
@@ -113,12 +113,12 @@ def decide(
     angle = profile.angle
     evidence = evidence.clipped(profile.clip)
     beside = direction_tests(profile, directed or evidence, error, ends_only)
-    if profile.rule is not None:
+    if profile.losses_decide:
         evidence = evidence.by_rule()
         regrets = None
         angle = 0.0
     regrets = regrets or Regrets(evidence, seed, resamples, profile.largest_loss)
-    share = error / 2 if margin.width is None or profile.rule is not None else error / 4
+    share = error / 2 if margin.width is None else error / 4
     regret = regret_test(regrets, angle, margin.regret, error, share)
     regret = replace(regret, angle=profile.angle)
     return join_tests(regret, evidence.policy, profile.bounds, error, *beside)
@@ -136,9 +136,10 @@ def direction_tests(
         ends_only: Whether the direction is tested at the two ends of the width only.
 
     Returns:
-        Both tests. Both are None for a declared rule; the second is None if no share is declared.
+        Both tests. Both are None for a rule whose angles no width holds; the second is None if no
+        share is declared.
     """
-    if profile.rule is not None:
+    if profile.losses_decide:
         return None, None
     driven = evidence.clipped(profile.clip)
     errors = error, error / 8
@@ -287,12 +288,23 @@ def dependence(consistency: Consistency | None, soft: bool) -> str:
     )
 
 
+UNDIRECTED = (
+    "Direction and character are not tested, because no declared width holds all angles of the "
+    "rule."
+)
+"""What a pass by a rule does not say."""
+
+
 def _reason(decisive: Decisive, profile: Profile) -> str:
     """Return the reason why a policy passed, failed, or neither, in one sentence."""
     regret = decisive.regret
     direction = decisive.direction
     world = profile.scenario.world
-    where = "by the declared rule" if profile.rule else f"at the declared {regret.angle:g} degrees"
+    where = (
+        "by the declared rule"
+        if profile.losses_decide
+        else f"at the declared {regret.angle:g} degrees"
+    )
     tests = [test for test in decisive.tests if test.decision is decisive.decision]
     clauses = [test.clause(where, world) for test in tests]
     if decisive.decision is Decision.FAIL:
@@ -316,6 +328,8 @@ def _reason(decisive: Decisive, profile: Profile) -> str:
         f"{test.bound_told(world)} (declared: {test.limit_told(world)})" for test in effects
     ]
     text += f" It {', '.join(effects_kept)}." if effects_kept else ""
+    if profile.losses_decide:
+        text += f" {UNDIRECTED}"
     if regret.bound == "bootstrap":
         return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
     return text[0].upper() + text[1:]
