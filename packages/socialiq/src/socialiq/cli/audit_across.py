@@ -96,7 +96,7 @@ _IDENTITIES: Json = {
     "bounds of effects": lambda report: report["declaration"].get("caused"),
     "version of socialiq": lambda report: report["hashes"]["package"],
 }
-"""What must be the same in all reports."""
+"""Parts of a report, by name, that all reports must share."""
 
 
 def _row(folder: Path, report: Json) -> Row:

@@ -22,7 +22,7 @@ DATA_FILES = "data_files"
 """Detail of a policy's record: names of the files beside its own that hold a part of it."""
 
 _KEYS = {"location", "offset", "length", "checksum"}
-"""What may be said of a tensor's data; the checksum is not needed beside the hash."""
+"""Keys of a tensor's entry; its checksum is not read, because the hash covers the data."""
 
 ONE_FILE = "export it again with external_data=False"
 """Mend of a policy whose further files can't be used."""

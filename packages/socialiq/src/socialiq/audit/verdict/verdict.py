@@ -292,7 +292,7 @@ UNDIRECTED = (
     "Direction and character are not tested, because no declared width holds all angles of the "
     "rule."
 )
-"""What a pass by a rule does not say."""
+"""Sentence of a pass by a rule: its limit."""
 
 
 def _reason(decisive: Decisive, profile: Profile) -> str:
