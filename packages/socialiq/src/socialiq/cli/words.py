@@ -115,10 +115,10 @@ def refuse_twice(words: Sequence[str], kind: Any) -> None:
     Raises:
         UserError: If an option that takes its values in one place is given in two.
     """
-    given = [word.partition("=")[0].replace("_", "-") for word in words if word[:2] == "--"]
+    options = [word.partition("=")[0].replace("_", "-") for word in words if word[:2] == "--"]
     several = {f"--{name.rstrip('_').replace('_', '-')}" for name in _appended(kind)}
-    for position, option in enumerate(given):
-        if option in given[:position] and option not in several:
+    for position, option in enumerate(options):
+        if option in options[:position] and option not in several:
             raise UserError(f"{one_line(option, 80)} is given twice: give it once, with all values")
 
 

@@ -187,9 +187,10 @@ def _columns(
     pairs = 0
     for number in range(size):
         arrays = _of_episode(reader, f"episode_{number}", path, space, actions)
-        seen = arrays["observations"]
-        seen = seen if whole is None else _one_hot(whole, seen, f"{path}: episode_{number}")
-        moments = features_of("observations", seen, flatten=True)
+        observations = arrays["observations"]
+        if whole is not None:
+            observations = _one_hot(whole, observations, f"{path}: episode_{number}")
+        moments = features_of("observations", observations, flatten=True)
         rewards = arrays["pair"][1:] if "pair" in arrays else arrays["rewards"]
         rewards = rewards if rewards.shape[1:] == (2,) else rewards.reshape(-1)
         pairs += rewards.ndim == 2

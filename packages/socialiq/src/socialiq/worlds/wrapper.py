@@ -117,8 +117,8 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
             info["ending"] = kind.name.lower() if isinstance(kind, Ending) else str(kind)
         Ending.of_step(transition.terminated, transition.truncated, info)
         scalar = float(score(self._weights, pair))
-        seen = flat(self.env.observation_space, after)
-        return seen, scalar, transition.terminated, transition.truncated, info
+        flattened = flat(self.env.observation_space, after)
+        return flattened, scalar, transition.terminated, transition.truncated, info
 
 
 def called(what: str, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
