@@ -47,7 +47,7 @@ def test_exact_effects_of_a_dial_in_a_gridworld(capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["effects", "intersection"], "add --policy FILE"),
+        (["effects", "crossing7"], "no driver is named"),
         (["effects", "mars", "--policy", "go"], "unknown world 'mars'"),
         ([*GO[:-1], "1"], "give 2 or more"),
         ([*GO, "--horizon", "3"], "horizon must be at least the duration"),

@@ -130,7 +130,7 @@ def test_fleets_at_the_merge(dial, tmp_path, capsys, each_once):
     assert slows > keeps_left  # both by the angle alone
     for call, says in (
         ([*words, "merge", "--spawn-probability", "0.2"], "spawn_probability"),
-        ([*words, "merge", "--agents", "6"], "has 5 vehicles"),
+        (["population", "merge", *words[1:], "--agents", "6"], "has 5 vehicles"),
         ([*dial, "merge"], "name another policy"),
     ):
         assert main(each_once(*call, "--episodes", "2")) == 2

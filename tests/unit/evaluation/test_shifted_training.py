@@ -22,7 +22,7 @@ def test_states_are_of_every_world():
     def go(observation):
         return np.full(len(observation), 2)
 
-    labelled = label(go, go, np.random.default_rng(0))
+    labelled = label(go, 0.0, np.random.default_rng(0))
     time = labelled.observation[:, -2]
     assert labelled.returns.env.shape == (3 * road_training.CHUNK, 3)
     first = 2 * road_training.CHUNK

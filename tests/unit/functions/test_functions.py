@@ -306,7 +306,7 @@ def test_load_reads_what_was_written():
     Path("folder").mkdir()
     for name, says in [
         ("missing.safetensors", "missing.safetensors"),
-        ("plain.csv", "not a demonstrations file"),
+        ("plain.csv", "read it: socialiq data from-arrays"),
         ("policy.onnx", "socialiq.driver"),
         ("folder", "run.json"),
     ]:

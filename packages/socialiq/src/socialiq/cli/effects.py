@@ -119,6 +119,8 @@ class EffectsOf(Printing):
         simulated = written.in_sumo
         driven = self.in_sumo if simulated else self.driven
         rows, about = self.exact() if written.name in GRIDS else driven(written, episodes)
+        if about.get("episodes", FEW) < FEW:
+            say(f"below {FEW} episodes the 95 % intervals are too narrow")
         on_road = {name: value for name, value in vars(self.road).items() if value}
         result = {"world": self.world, **about, **on_road, **self.road.options, "drivers": rows}
         if self.out:
@@ -177,8 +179,6 @@ class EffectsOf(Printing):
         """Return the options of the measure."""
         if self.episodes < 2:
             raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
-        if self.episodes < FEW:
-            say(f"below {FEW} episodes the 95 % intervals are too narrow: of 10 they hold 67 %")
         return {name: getattr(self, name) for name in _USUAL}
 
     def in_sumo(self, written: Written, episodes: list[Row]) -> tuple[list[Row], Row]:
