@@ -498,7 +498,7 @@ def test_names_and_folders_that_cannot_be(table, tmp_path, written):
 
 def test_without_room_nothing_is_written(table, tmp_path):
     """HDF5 ended the process by a signal where a write failed, and half a file stayed."""
-    files.save(table, tmp_path / "table.safetensors")
+    files.save(tmp_path / "table.safetensors", table)
     limited = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)); "
     start = "from socialiq.cli.main import main; raise SystemExit(main())"
     words = ["data", "to-minari", str(tmp_path / "table.safetensors"), "--out"]

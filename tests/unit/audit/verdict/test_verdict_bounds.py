@@ -154,6 +154,11 @@ def test_a_mean_counts_in_full_where_few_episodes_are_beyond_the_range(outcomes,
     assert "the mean delay is 25 m" in fault and "at most 6 is declared" in fault
 
 
+def test_a_mean_beyond_its_limit_that_no_range_cuts_is_left_to_its_test(outcomes, declared):
+    assert limited(outcomes, declared, np.full(1000, 25.0), (-700.0, 700.0)) == []
+    assert limited(outcomes, declared, np.repeat([5000.0, 8.0], [5, 995]), (-700.0, 700.0)) == []
+
+
 def test_an_effect_that_is_an_event_has_an_exact_bound(outcomes):
     close = np.repeat([1.0, 0.0], [30, 170])
     one = outcomes("policy", np.zeros((200, 2)), beside={"gap_below_1_s": close})

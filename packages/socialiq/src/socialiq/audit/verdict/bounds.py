@@ -213,8 +213,8 @@ def faults_of_limits(profile: Profile, policy: Outcomes, best: Outcomes) -> list
         best: Episodes of the best reference at the declared angle, not clipped either.
 
     Returns:
-        A sentence for each limit that changes too many episodes, and for each mean that is beyond
-        its limit where every episode counts as it is.
+        A sentence for each limit that changes too many episodes, and for each mean that keeps its
+        limit by the cut alone.
     """
     faults = list[str]()
     for cut in cuts_of(profile, [policy, best]):
@@ -227,22 +227,33 @@ def faults_of_limits(profile: Profile, policy: Outcomes, best: Outcomes) -> list
                     "be changed): what lies beyond is not tested. Declare wider limits."
                 )
                 break
-    angle = profile.angle
-    regret = float(best.values(angle).mean() - policy.values(angle).mean())
-    if profile.clip is not None and not profile.losses_decide and regret > profile.margin.regret:
-        faults.append(
-            f"With every episode counted as it is, the policy earns {regret:.3g} less than the "
-            f"best reference driver ({profile.margin.regret:g} less is allowed)."
+    clip = profile.clip
+    if clip is not None and not profile.losses_decide:
+        regret, cut_regret = (
+            float(drivers[0].values(profile.angle).mean() - drivers[1].values(profile.angle).mean())
+            for drivers in ((best, policy), (best.clipped(clip), policy.clipped(clip)))
         )
+        if cut_regret <= profile.margin.regret < regret:
+            faults.append(
+                f"With every episode counted as it is, the policy earns {regret:.3g} less than the "
+                f"best reference driver ({profile.margin.regret:g} less is allowed)."
+            )
     for bound in profile.caused:
-        mean = float(policy.episodes[bound.quantity].mean())
-        if mean < bound.limit if bound.side == "at least" else mean > bound.limit:
+        values = policy.episodes[bound.quantity]
+        mean = float(values.mean())
+        cut_mean = mean if bound.range is None else float(values.clip(*bound.range).mean())
+        if _keeps(bound, cut_mean) and not _keeps(bound, mean):
             unit = measured_in(profile.scenario.world)[bound.quantity] or "of episodes"
             faults.append(
                 f"With every episode counted as it is, the mean {bound.quantity} is {mean:.3g} "
                 f"{unit}, and {bound.side} {bound.limit:g} is declared."
             )
     return faults
+
+
+def _keeps(bound: Bound, mean: float) -> bool:
+    """Whether a mean keeps a bound's limit."""
+    return mean >= bound.limit if bound.side == "at least" else mean <= bound.limit
 
 
 CHECKED = 1_000
