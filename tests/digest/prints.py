@@ -22,6 +22,7 @@ VOLATILE = (
     "out",
     "file",
     "folder",
+    "folders",
     "without_log",
     "fingerprint",
     "engine",
