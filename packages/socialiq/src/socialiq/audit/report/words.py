@@ -207,7 +207,9 @@ def _caveats_of_rule(profile: Profile, verdict: Verdict) -> Iterator[Caveat]:
     yield Caveat("rule", text)
     absent = [row.context for row in verdict.contexts or () if not row.decisions]
     if absent:
-        text = f"The rule's angle is not tested where {' and where '.join(absent)}: this never was."
+        text = (
+            f"The rule's angle is not tested where {' and where '.join(absent)}: it never occurred."
+        )
         yield Caveat("rule", text)
 
 
