@@ -248,17 +248,32 @@ def differences(rows: PolicyRows, config: Any) -> list[Row]:
     for preset, setting in plan.TRAINED:
         names = plan.columns(config)[preset, setting]
         names |= {name: single * len(config.seeds) for name, single in experts.items()}
-        family: list[Row] = []
-        for comparison in COMPARISONS:
-            first, second = (
-                [rows[name, "greedy"][comparison.metric] for name in names[policy]]
-                for policy in (comparison.first, comparison.second)
-            )
-            if "" not in (*first, *second) and len(first) > 1:
-                label = {"preset": preset, "setting": setting} | comparison._asdict()
-                family.append(paired_row(label, first, second))
-        tests += with_holm(family)
+        by_policy = {
+            policy: [rows[name, "greedy"] for name in folders] for policy, folders in names.items()
+        }
+        tests += compared({"preset": preset, "setting": setting}, by_policy)
     return tests
+
+
+def compared(label: Row, by_policy: Mapping[str, Sequence[Row]]) -> list[Row]:
+    """Test every difference that the thesis claims, over paired replicates.
+
+    Args:
+        label: First columns of each row.
+        by_policy: Metrics of each target and expert, a row for each replicate, in one order.
+
+    Returns:
+        A row for each comparison, with p adjusted by Holm over them.
+    """
+    family: list[Row] = []
+    for comparison in COMPARISONS:
+        first, second = (
+            [row.get(comparison.metric, "") for row in by_policy[policy]]
+            for policy in (comparison.first, comparison.second)
+        )
+        if "" not in (*first, *second) and len(first) > 1:
+            family.append(paired_row(label | comparison._asdict(), first, second))
+    return with_holm(family)
 
 
 def _connected(planned: Sequence[Job], work: Path) -> list[Row]:

@@ -29,7 +29,7 @@ VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
 
 _REPRODUCE = (
     "poc", "grid", "lambda-sweep", "worlds", "alternatives", "penalties", "intersection-world",
-    "compare-priors", "audits", "poison",
+    "compare-priors", "audits", "poison", "expert-strength",
 )  # fmt: skip
 _COMMANDS = {name: f"socialiq reproduce {name}" for name in _REPRODUCE} | {
     "intersection": "socialiq reproduce intersection --set parts=main",
@@ -48,17 +48,21 @@ def ledger(results: Path) -> list[dict[str, Any]]:
     Rows have `id`, `place`, `study`, `statement`, `thesis`, `ours`, `our_value` (a number or None),
     `value`, `tolerance` (of a printed mean with a spread: what standard errors explain),
     `from_numbers` (the verdict that the numbers give, None without), `command`, `verdict`,
-    `conditions`, `reason`, `caused` and `verdict_caused` (the same claim about what the ego
-    causes, in the place of Eq 4.2; empty without). `results` has a results folder for each study.
+    `conditions`, `reason`, `cause` (what a claim with the verdict "not" fails by: a sentence),
+    `caused` and `verdict_caused` (the same claim about what the ego causes, in the place of Eq
+    4.2), `matched` and `verdict_matched` (the same claim with experts that are stopped where their
+    endings are nearest the thesis'); empty without. `results` has a results folder for each study.
 
     Raises:
         UserError: If the results are missing, a place is not in them, or a tolerance is one that
             can't fail.
     """
     text = importlib.resources.files("socialiq_lab").joinpath("claims.toml").read_text()
+    content = tomllib.loads(text)
+    cause_of = {name: cause for cause, names in content["failing"].items() for name in names}
     summaries = Summaries(results)
     rows = []
-    for claim in tomllib.loads(text)["claim"]:
+    for claim in content["claim"]:
         one_of("verdict", claim["verdict"], VERDICTS)
         one_of("study", claim["study"], STUDIES)
         rows.append(
@@ -69,6 +73,8 @@ def ledger(results: Path) -> list[dict[str, Any]]:
             | {"reason": resolve(claim["reason"], summaries)}
             | {"caused": resolve(claim.get("caused", ""), summaries)}
             | {"verdict_caused": claim.get("verdict_caused", "")}
+            | {"cause": content["causes"].get(cause_of.get(claim["id"]), "")}
+            | matched(claim, summaries)
         )
     return rows
 
@@ -77,6 +83,22 @@ def count(rows: list[dict[str, Any]]) -> dict[str, int]:
     """Return the number of claims by verdict."""
     counts = Counter(row["verdict"] for row in rows)
     return {verdict: counts[verdict] for verdict in VERDICTS}
+
+
+def failing(rows: list[dict[str, Any]]) -> str:
+    """Return a sentence on the claims that don't hold: their causes, and other experts.
+
+    Args:
+        rows: Rows of `ledger`.
+    """
+    failed = [row for row in rows if row["verdict"] == "not"]
+    causes = len({row["cause"] for row in failed})
+    compared = [row for row in failed if row["matched"]]
+    counts = Counter(row["verdict_matched"] for row in compared)
+    return (
+        f"The {len(failed)} that don't hold have {causes} causes. With experts like the thesis' "
+        f"{counts['reproduced']} of {len(compared)} of them hold, and {counts['partly']} in part."
+    )
 
 
 def resolve(text: str, summaries: "Summaries") -> str:
@@ -198,6 +220,46 @@ def compared(claim: dict[str, Any], summaries: Summaries) -> dict[str, Any]:
     return numbers | {"our_value": ours.value, "tolerance": allowed, "from_numbers": result}
 
 
+_STRONG = re.compile(
+    r"\{intersection:(table_(?:6_2\.(?:experts_flat|calibrated_online)_greedy|a_1|a_2))\.(.+)\.(\w+)\}"
+)
+
+
+def matched(claim: dict[str, Any], summaries: Summaries) -> dict[str, str]:
+    """Return a claim's value and verdict with experts like the thesis', of which a trio is one.
+
+    A claim of a number in Tables 6.1, 6.2, A.1 or A.2 has the value of the study of experts'
+    strengths in the same cell, with the spread over trios of experts. Table A.2 is printed without
+    a spread: what our trios' spread explains is called "partly".
+
+    Args:
+        claim: Entry of the ledger; `matched` and `verdict_matched` of other claims are its own.
+        summaries: Results of the studies.
+
+    Returns:
+        `matched` and `verdict_matched`, both empty for a claim on which experts don't bear.
+    """
+    place = _STRONG.fullmatch(claim.get("our_value", ""))
+    if place is None:
+        text = resolve(claim.get("matched", ""), summaries)
+        return {"matched": text, "verdict_matched": claim.get("verdict_matched", "")}
+    table, cell, _ = place.groups()
+    at = f"{'.'.join(table.split('.')[:1])}.{cell}"
+    count = len(summaries.at("expert-strength", "config.trios"))
+    spread = float(summaries.at("expert-strength", f"{at}.over_trios"))
+    ours = Ours(float(summaries.at("expert-strength", f"{at}.ours")), spread, count)
+    thesis = printed(claim)
+    if thesis.spread is not None:
+        result = verdict(thesis, ours)
+    else:
+        gap = abs(ours.value - thesis.value)
+        explained = gap <= tolerance(thesis, ours)
+        result = "reproduced" if gap <= thesis.digit / 2 else "partly" if explained else "not"
+    decimals = max(0, -math.floor(math.log10(thesis.digit)))
+    text = f"{ours.value:.{decimals}f} +- {spread:.{decimals}f} over {count} trios of experts"
+    return {"matched": text, "verdict_matched": result}
+
+
 SPREADS = {"episodes": 0, "seeds": 5}
 """Printed standard deviations: the number of means they are over, 0 where the thesis has none."""
 ERRORS = 2.0
@@ -270,7 +332,7 @@ def tolerance(thesis: Printed, ours: Ours) -> float:
         Half a unit of the last printed digit, and `ERRORS` standard errors of the difference. The
         thesis' mean has no standard error if its spread is one of single episodes.
     """
-    count = SPREADS[thesis.over]
+    count = SPREADS.get(thesis.over, 0)
     error = (thesis.spread or 0.0) / math.sqrt(count) if count else 0.0
     return thesis.digit / 2 + ERRORS * math.hypot(error, ours.error)
 

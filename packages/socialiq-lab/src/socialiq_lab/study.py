@@ -112,9 +112,8 @@ def run(
             jobs = list(study.jobs(config))
             run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
             if study.more_jobs:
-                later = study.more_jobs(config, folder)
-                run_jobs(later, folder, on_stage, place.processes, place.cluster)
-                jobs += later
+                jobs += study.more_jobs(config, folder)
+                run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
             findings = study.tables(config, Context(jobs, folder, on_stage))
     return Results.of(study.name, config, findings.tables, findings.summary, findings.files)
 

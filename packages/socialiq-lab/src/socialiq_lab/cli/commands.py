@@ -57,6 +57,7 @@ class Claims(Printing):
         for row in rows:
             print(described(row))
         print(", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
+        print(claims.failing(rows))
         return 0
 
 
@@ -67,6 +68,10 @@ def described(row: Row) -> str:
     lines += [f"ours: {row['ours']}"] if row["ours"] else []
     lines += [f"under: {row['conditions']}"] if row["conditions"] else []
     lines += [f"because: {row['reason']}"] if row["reason"] else []
+    lines += [f"cause: {row['cause']}"] if row["cause"] else []
+    if row["matched"]:
+        verdict = row["verdict_matched"]
+        lines += [f"with experts like the thesis' [{verdict}]: {row['matched']}"]
     if row["caused"]:
         lines += [f"by what is caused [{row['verdict_caused']}]: {row['caused']}"]
     where = " (in a checkout, after `make test`)" if row["command"].startswith("pytest ") else ""

@@ -117,16 +117,26 @@ def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCa
         if config.ahead == "lookahead":
             episodes = with_oracle_lookahead(config.options, policy, config.seeds, cell)
         elif config.ahead == "planned":
-            discount = driver.provenance["numbers"]["discount"]
-            policy = RolloutPolicy(policy, config.options, cell, discount=discount)
-            episodes = episodes_of(
-                Intersection(config.options).batch(PLANNED_BATCH), policy, config.seeds
-            )
+            batch = Intersection(config.options).batch(PLANNED_BATCH)
+            planner = planning(policy, config.options, cell)
+            episodes = episodes_of(batch, planner, config.seeds)
         else:
             batch = config.world.batch(BATCH)
             episodes = episodes_of(batch, policy, config.seeds, deterministic=cell != "soft")
         save_episodes(episodes_at(folder, name, cell), episodes)
         on_progress(number / len(cells))
+
+
+def planning(policy: Any, options: Options, angle: float) -> RolloutPolicy:
+    """Return a policy with online planning, by its own discount.
+
+    Args:
+        policy: Policy that was trained at the angle.
+        options: Options of the intersection.
+        angle: α of the planner's reward, in degrees.
+    """
+    discount = policy.provenance["numbers"]["discount"]
+    return RolloutPolicy(policy, options, angle, discount=discount)
 
 
 def evaluation(trained: str, config: Driving, cost: float) -> Job:
@@ -157,16 +167,20 @@ def drivers_of(config: Driving, inputs: Inputs) -> dict[str, Any]:
 
     Args:
         config: Its `driver` is a pattern of files, or the name of a rule-based driver.
-        inputs: Folder of one job that trained policies; empty for a rule-based driver.
+        inputs: Folders of jobs that trained policies; empty for a rule-based driver.
 
     Returns:
-        The trained policies by file in that folder, sorted; or the rule-based driver by its name.
+        The trained policies by file in their folder, sorted, behind the name of the job if there
+        are several; or the rule-based driver by its name.
     """
     if not inputs:
         return {config.driver: policies.policy(config.driver, config.first_seed)}
-    (trained,) = inputs.values()
-    files = sorted(trained.glob(config.driver))
-    return {file.relative_to(trained).as_posix(): load_one_of(file, _POLICIES) for file in files}
+    files = {
+        (Path() if len(inputs) == 1 else Path(job)) / file.relative_to(trained): file
+        for job, trained in inputs.items()
+        for file in sorted(trained.glob(config.driver))
+    }
+    return {name.as_posix(): load_one_of(file, _POLICIES) for name, file in files.items()}
 
 
 def drive_highway(
@@ -242,23 +256,24 @@ SIZE = 15_000
 
 @dataclass(frozen=True)
 class Shipped:
-    """Configuration of a dial of the committed results."""
+    """Configuration of a policy of the committed results."""
 
     file: str
+    name: str = DIAL
 
 
 def copy_shipped(
     config: Shipped, folder: Path, _inputs: Inputs, _on_progress: ProgressCallback
 ) -> None:
-    """Write a dial of the committed results.
+    """Write a policy of the committed results.
 
     Args:
-        config: File of the dial below the committed results.
+        config: File of the policy below the committed results, and its name in the folder.
         folder: Folder of the job.
         _inputs: No folders.
         _on_progress: Not called.
     """
-    (folder / DIAL).write_bytes((packaged_results() / config.file).read_bytes())
+    (folder / config.name).write_bytes((packaged_results() / config.file).read_bytes())
 
 
 def shipped_dials(files: Mapping[str, str]) -> list[Job]:
@@ -314,7 +329,11 @@ def record_experts(
     for number, (mode, policy) in enumerate(zip(MODES, experts, strict=True)):
         source = {"world": world.description, "expert": policy.provenance}
         seeds = config.seeds + number * config.episodes
-        recorded = record(world.batch(BATCH), policy, seeds, mode, source)
+        size = BATCH
+        if config.ahead == "planned":
+            size = PLANNED_BATCH
+            policy = planning(policy, config.options, MODES[mode])
+        recorded = record(world.batch(size), policy, seeds, mode, source)
         files.save(folder / f"{mode}.safetensors", recorded.transitions)
         classical = {"own": recorded.classical.env, "others": recorded.classical.social}
         save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})

@@ -6,7 +6,8 @@ which its fingerprint is made (`socialiq_lab.jobs`).
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -101,6 +102,27 @@ class ExpertRun:
     environments: int = 12
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=Checks)
+    nearest: Mapping[str, float] = field(default_factory=dict)
+    """Shares of endings, by measure, to which the best check is nearest; by default the best check
+    has the highest J(α)."""
+
+    @property
+    def criterion(self) -> str:
+        """Name of what the best check has the most of: J(α), or the likeness to `nearest`."""
+        return "likeness" if self.nearest else "total"
+
+    def merit(self, measures: Mapping[str, float]) -> float:
+        """Return what the best check has the most of.
+
+        Args:
+            measures: `MEASURES` of a check.
+
+        Returns:
+            J(α), or less the Euclidean distance of the shares from `nearest`.
+        """
+        if not self.nearest:
+            return measures["total"]
+        return -math.dist(self.nearest.values(), [measures[name] for name in self.nearest])
 
 
 def train_expert(
@@ -121,9 +143,10 @@ def train_expert(
     def measure(state: Any, done: int) -> dict[str, float]:
         policy = dqn.policy_of(structure, numbers, network_of(state.network, 0))
         measures = config.checks.measured(config.options, policy, numbers.angle)
-        total = measures["total"]  # of two equal ones the earlier stays
-        if not best.is_file() or QPolicy.load(best).provenance["check"]["total"] < total:
-            check = {"updates": done, "total": total, "episodes": config.checks.episodes}
+        merit = config.merit(measures)  # of two equal ones the earlier stays
+        name = config.criterion
+        if not best.is_file() or QPolicy.load(best).provenance["check"][name] < merit:
+            check = {"updates": done, name: merit, "episodes": config.checks.episodes}
             provenance = {**policy.provenance, "check": check}
             dataclasses.replace(policy, provenance=provenance).save(best)
         return measures
