@@ -92,6 +92,6 @@ def read_map(path: Path) -> ColumnMap:
                     form = {"scales": "a number", "words": "a list of words", "sizes": "a size"}
                     raise UserError(f"[{table}] {one_line(column, 40)} must be {form[table]}")
         return ColumnMap(names, *(tables[name] for name in TABLES[1:]))
-    except (UserError, AttributeError) as error:
+    except (UserError, AttributeError, TypeError) as error:
         fault = error if isinstance(error, UserError) else "columns, scales, words must be tables"
         raise UserError(f"{path}: {fault}") from error
