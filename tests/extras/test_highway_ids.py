@@ -1,0 +1,40 @@
+"""highway-env's own ids name its environments, which give no reward pair."""
+
+import json
+
+import pytest
+
+from socialiq.cli.main import main
+
+pytest.importorskip("highway_env")
+pytestmark = pytest.mark.filterwarnings("ignore:.*out of date:DeprecationWarning")
+KEEP = "python:keep.py:keep"
+
+
+@pytest.fixture(autouse=True)
+def policy(tmp_path, monkeypatch, as_a_user_runs_it):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "keep.py").write_text("def keep(rows):\n    return [1 for _ in rows]\n")
+
+
+def test_an_id_of_highway_env_is_a_world(capsys):
+    words = ["evaluate", KEEP, "--world", "merge-v0", "--episodes", "1", "--allow-code", "--json"]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["r_env"] > 0
+
+
+@pytest.mark.parametrize(
+    ("world", "line"),
+    [
+        ("merge-v0", "--world merge is this road with one"),
+        ("intersection-v1", "--world intersection is this road with one"),
+        ("two-way-v0", "--world two_way is this road with one"),
+        ("highway-v0", "no world here is this road"),
+    ],
+)
+def test_where_a_pair_is_due_the_road_that_has_one_is_named(world, line, tmp_path, capsys):
+    words = ["train", "dial", "--world", world, "--out", "run"]
+    words = words if world != "highway-v0" else ["collect", world, "--driver", KEEP, "--out", "run"]
+    assert main([*words, "--allow-code"]) == 2
+    assert line in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
