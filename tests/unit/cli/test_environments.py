@@ -200,25 +200,21 @@ def test_dials_are_trained_and_driven(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["train", "dial", "--world", "a_cli_road.py:make", "--out", "run"], "--allow-code"),
+        ("train dial --world a_cli_road.py:make --out run", "--allow-code"),
         (
-            ["train", "dial", "--world", "a_cli_road.py:make", "--preset", "online", "--allow-code"]
-            + ["--out", "run"],
+            "train dial --world a_cli_road.py:make --preset online --allow-code --out run",
             "choose environment, online-clockless, offline",
         ),
         (
-            ["train", "dial", "--world", "a_cli_road.py:bare", "--allow-code", "--out", "run"]
-            + list(SMALL),
+            "train dial --world a_cli_road.py:bare --updates 2 --hidden 4 --allow-code --out run",
             "the environment gives no reward pair",
         ),
-        (["dial", "a_cli_road.py:make", "--policy", "driver"], "--allow-code"),
-        (
-            ["dial", "a_cli_road.py:make", "--policy", "driver", "--allow-code"],
-            "name another policy",
-        ),
+        ("dial a_cli_road.py:make --policy driver", "--allow-code"),
+        ("dial a_cli_road.py:make --policy driver --allow-code", "name another policy"),
+        ("effects a_cli_road.py:make --policy python:a_cli_road.py:goes", "without the ego"),
     ],
 )
-def test_dials_that_an_environment_cannot_have(words, line, tmp_path, capsys):
-    assert main(words) == 2
+def test_dials_and_effects_that_an_environment_cannot_have(words, line, tmp_path, capsys):
+    assert main(words.split()) == 2
     assert line in refused(capsys)
     assert not (tmp_path / "run").exists()

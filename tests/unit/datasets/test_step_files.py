@@ -233,7 +233,6 @@ done = "done"
 cost = -0.5
 [words]
 power = ["off", "slow", "fast"]
-[sizes]
 level = 3
 """
 
@@ -263,13 +262,16 @@ def test_a_csv_as_people_log_it(tmp_path):
             {"log": LOGGED.replace("b,greedy,0.5", "b,greedy,x").replace("off", "of")},
             "line 2: column observation_0 is 'x', not a number; .*line 3: column action is 'of', ",
         ),
-        ({"log": LOGGED.replace("0.5,2", "0.5,3")}, "column level has a whole number that the"),
+        (
+            {"log": LOGGED.replace("0.5,2", "0.5,3")},
+            "line 4: column observation_1 is .3., not one of its words",
+        ),
         ({"log": LOGGED + "c,polite,1,1,off,1,1,False,\n"}, "episode 2 has one step, and what"),
-        ({"columns": MAP.replace("done =", "over =")}, "columns. over must be a column of its own"),
+        ({"columns": MAP.replace("done =", "over =")}, "columns. over: known are observation, "),
         ({"columns": MAP.replace("[scales]", "[scale]")}, "scale is unknown: known are columns"),
         ({"columns": MAP.replace("cost = -0.5", "costs = -1")}, "costs is unknown: known are"),
-        ({"columns": MAP.replace("-0.5", "'a'")}, "scales. cost must be a number"),
-        ({"columns": "words = 3"}, "must be tables"),
+        ({"columns": MAP.replace("-0.5", "'a'")}, "must have tables: columns of names, scales of"),
+        ({"columns": "words = 3"}, "must have tables"),
     ],
 )
 def test_faults_of_a_map_or_its_file_are_named(changed, line, tmp_path):

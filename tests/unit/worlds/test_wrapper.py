@@ -142,7 +142,7 @@ def test_parts_of_a_dict_are_side_by_side_as_gymnasium_has_them():
     for row in (space.sample() for _ in range(20)):
         np.testing.assert_array_equal(flat(space, row), spaces.flatten(space, row))
         assert flat_space(space).contains(flat(space, row))
-    with pytest.raises(UserError, match="kind Box, .* not Text"):
+    with pytest.raises(UserError, match=r"kind Box, .* not Text"):
         flat_space(spaces.Dict(name=spaces.Text(2)))
 
 

@@ -106,11 +106,15 @@ class Dial(Printing):
             if self.calibrated:
                 calibrated(dial, evaluated).save(self.calibrated, replace=False)
         drivers.complain_if_it_stands(str(self.policy), dial, drivers.observed(shown, dial))
+        return self._print(rows, rows, summary, "an empty cell: no mixture has that angle")
+
+    def _print(self, rows: list[Row], table: list[Row], summary: Row, title: str) -> int:
+        """Print rows as JSON, or as a table of fewer columns, with a summary; return 0."""
         summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
         else:
-            print_table(rows, "angles in degrees; an empty cell: no mixture has that angle")
+            print_table(table, f"angles in degrees; {title}")
             print_table(listed(summary))
         return 0
 
@@ -144,15 +148,9 @@ class Dial(Printing):
             rows = list(ground.sweep(dial, float(self.every), self.readout))
             regrets = [row["regret"] for row in rows]
             summary |= {"mean_regret": float(np.mean(regrets)), "worst_regret": max(regrets)}
-        summary = {"world": self.world, "policy": str(self.policy)} | summary
-        if self.json:
-            print_json(summary | {"angles": rows})
-        else:
-            names = [name for name in _BY_CLASS if name in rows[0]] or list(rows[0])
-            table = [{name: row[name] for name in names} for row in rows]
-            print_table(table, "angles in degrees; means of an episode, exact in a gridworld")
-            print_table(listed(summary))
-        return 0
+        names = [name for name in _BY_CLASS if name in rows[0]] or list(rows[0])
+        table = [{name: row[name] for name in names} for row in rows]
+        return self._print(rows, table, summary, "means of an episode, exact in a gridworld")
 
     @property
     def readout(self) -> Readout:

@@ -228,7 +228,7 @@ def _without_unknown(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     last = np.diff(number, append=number[-1:] + 1) != 0
     unknown = np.flatnonzero(last & ~arrays["terminated"])
     before = unknown - 1
-    alone = unknown[(before < 0) | (number[before] != number[unknown])]
+    alone = unknown[steps_of(number)[unknown] == 0]
     if len(alone):
         raise UserError(
             f"episode {number[alone[0]]} has one step, and what follows it is not known: pass "

@@ -3,7 +3,8 @@
 A map is a TOML file. As in maps of recordings, `[columns]` has the file's columns by our names.
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,9 +15,9 @@ from socialiq.datasets.step_tables import STEPS
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import check_keys, read_toml
-from socialiq.worlds.wrapper import flat_rows
+from socialiq.worlds.wrapper import flat_rows, flat_space
 
-TABLES = ("columns", "scales", "words", "sizes")
+TABLES = ("columns", "scales", "words")
 
 
 class ColumnMap(NamedTuple):
@@ -24,39 +25,35 @@ class ColumnMap(NamedTuple):
 
     names: dict[str, str]  # our names, in the form of `STEPS`, by the file's
     scales: Mapping[str, float]  # factor of a column by its name in the file; -1 turns the sign
-    words: Mapping[str, list[str]]  # words of a column in the order of their numbers
-    sizes: Mapping[str, int]  # number of values of a whole number, which becomes a one-hot vector
+    # words of a column in the order of their numbers, or these numbers; in observations one-hot
+    words: Mapping[str, Sequence[Any]]
+
+    def number_of(self, column: str, cell: str) -> int:
+        """Return the number of a word of a column; `ValueError` for another word."""
+        words = self.words[column]
+        return words.index(int(cell) if isinstance(words, range) else cell)
 
     def applied(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return columns with their scales, and whole numbers as one-hot vectors.
+        """Return columns with their scales, and words of observations as one-hot vectors.
 
         Args:
             columns: Columns by our names.
-
-        Raises:
-            UserError: If a cell is none of the values that the map gives its column.
         """
         results = dict[str, np.ndarray]()
-        counts = dict.fromkeys(STEPS.vectors, 0)
+        counts = Counter[str]()
         for column, name in self.names.items():
             values = columns[name]
-            values = values * self.scales[column] if column in self.scales else values
+            if column in self.scales:
+                values = values * self.scales[column]
             vector = name.rpartition("_")[0]
-            if vector not in counts:
-                results[name] = values
-                continue
             features = values[:, None]
-            if column in self.sizes:
-                try:
-                    whole = values.astype(np.int64)
-                    features = flat_rows(
-                        spaces.Discrete(self.sizes[column]),
-                        whole if (whole == values).all() else values,
-                    )
-                except ValueError as error:
-                    raise UserError(f"column {column} has {error}: correct its size") from error
+            if column in self.words and vector in STEPS.vectors:
+                space = spaces.Discrete(len(self.words[column]))
+                flat_space(space)  # refuses too many values
+                features = flat_rows(space, features)
             for feature in features.T:
-                results[f"{vector}_{counts[vector]}"] = feature
+                numbered = f"{vector}_{counts[vector]}" if vector in STEPS.vectors else name
+                results[numbered] = feature
                 counts[vector] += 1
         return results
 
@@ -70,28 +67,24 @@ def read_map(path: Path) -> ColumnMap:
     content = read_toml(path)
     try:
         check_keys("", content, TABLES)
-        tables: dict[str, dict[str, Any]] = {name: content.get(name, {}) for name in TABLES}
+        columns, scales, words = (content.get(table, {}) for table in TABLES)
         names = dict[str, str]()
-        for name, column in tables["columns"].items():
-            several = column if isinstance(column, list) else [column]
-            is_list = isinstance(column, list) or name in STEPS.vectors
-            for number, text in enumerate(several):
-                ours = f"{name}_{number}" if is_list else name
-                if not isinstance(text, str) or STEPS.kind_of(ours) is None or text in names:
-                    raise UserError(
-                        f"[columns] {one_line(name, 40)} must be a column of its own, or a list of "
-                        "them for observation, next_observation and action; known are "
-                        f"{', '.join((*STEPS.vectors, STEPS.action, *STEPS.scalars))}"
-                    )
-                names[text] = ours
-        kinds = {"scales": (int, float), "words": (list,), "sizes": (int,)}
-        for table, types in kinds.items():
-            check_keys(table, tables[table], names)
-            for column, value in tables[table].items():
-                if type(value) not in types or (table == "sizes" and value < 1):
-                    form = {"scales": "a number", "words": "a list of words", "sizes": "a size"}
-                    raise UserError(f"[{table}] {one_line(column, 40)} must be {form[table]}")
-        return ColumnMap(names, *(tables[name] for name in TABLES[1:]))
-    except (UserError, AttributeError, TypeError) as error:
-        fault = error if isinstance(error, UserError) else "columns, scales, words must be tables"
-        raise UserError(f"{path}: {fault}") from error
+        for name, value in columns.items():
+            several = value if isinstance(value, list) else [value]
+            is_vector = several is value or name in STEPS.vectors
+            ours = [f"{name}_{number}" if is_vector else name for number in range(len(several))]
+            if None in map(STEPS.kind_of, ours):
+                known = (*STEPS.vectors, STEPS.action, *STEPS.scalars)
+                raise UserError(f"[columns] {one_line(name, 40)}: known are {', '.join(known)}")
+            names |= dict(zip(several, ours, strict=True))
+        for table in TABLES[1:]:
+            check_keys(table, content.get(table, {}), names)
+        factors = {column: float(factor) for column, factor in scales.items()}
+        values = {key: range(word) if type(word) is int else word for key, word in words.items()}
+        return ColumnMap(names, factors, values)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    except (AttributeError, TypeError, ValueError) as error:
+        raise UserError(
+            f"{path} must have tables: columns of names, scales of numbers, words of lists or sizes"
+        ) from error

@@ -7,6 +7,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -161,14 +162,11 @@ def _mapped(path: Path, columns: ColumnMap, modes: dict[str, int]) -> dict[str, 
     """Return the arrays of a CSV file by a column map; number its modes in `modes`."""
     if format_of(path) != ".csv":
         raise UserError(f"{path} is no CSV file: leave the column map out, and name its columns")
-    episodes = dict[str, int]()
     readers: dict[str, Any] = {
-        columns.names[column]: {word: number for number, word in enumerate(words)}.__getitem__
-        for column, words in columns.words.items()
+        columns.names[column]: partial(columns.number_of, column) for column in columns.words
     }
-    for name, numbers in (("mode", modes), ("episode", episodes)):
-        if name in columns.names.values():
-            readers[name] = lambda cell, numbers=numbers: numbers.setdefault(cell, len(numbers))
+    for name, numbers in (("mode", modes), ("episode", dict[str, int]())):
+        readers[name] = lambda cell, numbers=numbers: numbers.setdefault(cell, len(numbers))
     read = step_tables.read_csv(path, mapped=columns.names, readers=readers)
     return step_tables.STEPS.arrays_of(columns.applied(read), str(path))
 

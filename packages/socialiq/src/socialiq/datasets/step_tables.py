@@ -250,7 +250,8 @@ def read_csv(
             layout.check_names(present, str(path))
             parsers = {name: _CELLS[layout.kind_of(name)] for name in present}
             for name, read in (readers or {}).items():
-                parsers[name] = _CELLS["integer"]._replace(read=read, text="one of its words")
+                if name in parsers:
+                    parsers[name] = _CELLS["integer"]._replace(read=read, text="one of its words")
             columns = {name: array(parser.code) for name, parser in parsers.items()}
             for cells in rows:
                 where = f"{path}, line {rows.line_num}"

@@ -169,7 +169,6 @@ def from_env(
     env: gymnasium.Env[Any, Any] | Sequence[gymnasium.Env[Any, Any]],
     steps: int,
     continuous: bool = False,
-    goes_on: bool = False,
 ) -> Source:
     """Return a source of one environment, or of several: of discrete actions, or arrays in [-1, 1].
 
@@ -179,9 +178,6 @@ def from_env(
         env: The environment, or equal ones in which one driver acts side by side.
         steps: Steps of a chunk, of all environments together.
         continuous: Whether actions are arrays in [-1, 1]; else they are discrete.
-        goes_on: Whether a chunk begins where the last one stopped; else it begins with a seeded
-            reset. A chunk that goes on may be shorter than episodes, but a run can't be resumed
-            from a checkpoint with equal experience.
 
     Returns:
         The source.
@@ -191,14 +187,10 @@ def from_env(
     """
     envs = [env] if isinstance(env, gymnasium.Env) else list(env)
     _check_actions(envs[0].action_space, continuous)
-    stopped_at: Any = None
 
     def source(act: Act, rng: np.random.Generator) -> Batch:
-        nonlocal stopped_at
         seed = int(rng.integers(2**31))
-        present = stopped_at or [
-            env.reset(seed=(seed + row) % 2**31)[0] for row, env in enumerate(envs)
-        ]
+        present = [env.reset(seed=(seed + row) % 2**31)[0] for row, env in enumerate(envs)]
         rows: list[tuple[Any, ...]] = []
         for _ in range(steps // len(envs)):
             chosen = np.asarray(act(np.stack([np.ravel(observation) for observation in present])))
@@ -210,7 +202,6 @@ def from_env(
                 pair = RewardPair.of_step(reward, info)
                 rows.append((np.ravel(observation), action, np.ravel(after), kind, *pair))
                 present[row] = env.reset()[0] if kind else after
-        stopped_at = present if goes_on else None
         return _batch(np.array(column) for column in zip(*rows, strict=True))
 
     return source

@@ -76,11 +76,9 @@ def make_environment(
         raise UserError(f"{one_line(name)} made {type(env).__name__}, not a gymnasium.Env")
     wrapper.check_spaces(env, continuous)
     if needs_pair and ":" not in name and type(env.unwrapped).__module__.startswith(_HIGHWAY):
-        road = next((road for road in ROADS if name.startswith(road.replace("_", "-"))), "")
-        same = f"--world {road} is this road with one" if road else "no world here is this road"
         raise UserError(
-            f"{name} of highway-env gives no reward pair: {same}; a function of a module can wrap "
-            "it in a RewardPairWrapper"
+            f"{name} of highway-env gives no reward pair: choose {', '.join(ROADS[:-1])}, its "
+            "roads with one, or a function of a module that wraps it in a RewardPairWrapper"
         )
     guarded: gymnasium.Env[Any, Any] = _Guarded(env, one_line(name))
     guarded = wrapper.RewardPairWrapper(guarded) if needs_pair else guarded
