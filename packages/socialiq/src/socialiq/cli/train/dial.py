@@ -82,17 +82,7 @@ class Dial(shared.Training):
         """Train and write the folder."""
         check_seeds(self.seed)
         written = grammar.parse(self.world)
-        if self.preset == OFFLINE or is_world_file(self.world):
-            raise UserError(
-                f"`socialiq train offline-dial FILE --world {self.world}` learns from "
-                "demonstrations alone: name that learner"
-            )
-        world: Any = world_of(written, self.allow_code)
-        if world.action_size:
-            raise UserError(
-                f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
-                "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
-            )
+        world = self._world(written)
         name, preset = self._preset(written)
         structure = preset.structure
         if self.angle is not None:
@@ -147,6 +137,21 @@ class Dial(shared.Training):
         if isinstance(world, grid_world.GridWorld) and not static.classes:
             place = tabulate(world).reachable_part()
         return finish_dials(folder, trained, record, place, budget)
+
+    def _world(self, written: grammar.Written) -> Any:
+        """Return the world to learn in; refuse one of continuous actions or of demonstrations."""
+        if self.preset == OFFLINE or is_world_file(self.world):
+            raise UserError(
+                f"`socialiq train offline-dial FILE --world {self.world}` learns from "
+                "demonstrations alone: name that learner"
+            )
+        world: Any = world_of(written, self.allow_code)
+        if world.action_size:
+            raise UserError(
+                f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
+                "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
+            )
+        return world
 
     def _check_data(self, name: str, static: config.DialConfig, written: grammar.Written) -> None:
         """Refuse demonstrations that a preset doesn't take, and a preset without its own."""
