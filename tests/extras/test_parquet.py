@@ -106,7 +106,6 @@ def test_a_file_of_another_program(tmp_path):
         ({"r_env": pyarrow.array([0, 1, 2], pyarrow.timestamp("s"))}, "column r_env is timestamp"),
         ({"r_env": pyarrow.array(["a", "b", "a"]).dictionary_encode()}, "r_env is dictionary"),
         ({"r_env": pyarrow.nulls(3)}, "column r_env is null"),
-        ({"next_observation_0": None}, "no column next_observation_0"),
     ],
 )
 def test_a_wrong_column_is_named(tmp_path, changed, match):

@@ -331,7 +331,7 @@ def test_dials_that_cannot_be_trained(capsys, tmp_path, data):
     mends = {
         "name their file": (),
         "leave the file out": (data, "--preset", "online-alone"),
-        "choose one of online": ("--preset", "uphill"),
+        "is not for crossing7: choose online": ("--preset", "uphill"),
         "with a clock if it has one": (data,),
         "updates must be at least 1": (data, "--updates", -1),
         "add --angle": (data, "--budget", 0.1),

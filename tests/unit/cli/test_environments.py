@@ -166,3 +166,55 @@ def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
     other = ["--world", "CartPole-v1", "--out", "other"]
     assert main(["train", "iq-learn", "data", *tiny, *other]) == 2
     assert "they belong to another world" in refused(capsys)
+
+
+SMALL = ("--updates", "2", "--hidden", "4")
+
+
+@pytest.mark.slow
+def test_dials_are_trained_and_driven(tmp_path, capsys):
+    """In the environment, from its demonstrations there, and from their file alone."""
+    assert collect(tmp_path / "data", "--episodes", "4") == 0
+    own = ("--world", "a_cli_road.py:make", "--allow-code")
+    trainings = {
+        "acting": ["dial", *own, "--set", "replay_batch=4"],
+        "there": ["offline-dial", "data", *own],
+        "alone": ["offline-dial", "data"],
+    }
+    for name, words in trainings.items():
+        assert main(["train", *words, *SMALL, "--out", name]) == 0
+        policy = ("--policy", f"{name}/dial_0.safetensors", "--every", "90")
+        capsys.readouterr()
+        words = ["dial", "a_cli_road.py:make", *policy, "--episodes", "2", "--allow-code", "--json"]
+        assert main(words) == 0
+        rows = json.loads(capsys.readouterr().out)["angles"]
+        assert [row["angle"] for row in rows] == [0, 90]
+        assert all(row["r_social"] == -0.5 * row["r_env"] for row in rows)
+    sha256s = [
+        json.loads((tmp_path / name / "run.json").read_text())["dials"][0]["sha256"]
+        for name in ("there", "alone")
+    ]
+    assert sha256s[0] == sha256s[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("train dial --world a_cli_road.py:make --out run", "--allow-code"),
+        (
+            "train dial --world a_cli_road.py:make --preset online --allow-code --out run",
+            "choose environment, online-clockless, offline",
+        ),
+        (
+            "train dial --world a_cli_road.py:bare --updates 2 --hidden 4 --allow-code --out run",
+            "the environment gives no reward pair",
+        ),
+        ("dial a_cli_road.py:make --policy driver", "--allow-code"),
+        ("dial a_cli_road.py:make --policy driver --allow-code", "name another policy"),
+        ("effects a_cli_road.py:make --policy python:a_cli_road.py:goes", "without the ego"),
+    ],
+)
+def test_dials_and_effects_that_an_environment_cannot_have(words, line, tmp_path, capsys):
+    assert main(words.split()) == 2
+    assert line in refused(capsys)
+    assert not (tmp_path / "run").exists()

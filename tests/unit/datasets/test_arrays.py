@@ -86,7 +86,7 @@ def test_images_are_flattened_only_where_that_is_said():
 @pytest.mark.parametrize(
     ("changed", "match"),
     [
-        ({"final_observation": None}, "a row for each of 2 episodes"),
+        ({"final_observation": None, "episode": [0, 0, 0, 1, 2]}, "episode 1 has one step, and"),
         ({"final_observation": [[1.0]]}, "one row of 1 features for each of 2"),
         ({"terminated": None}, "nothing says where an episode ends"),
         ({"terminated": LAST[:3]}, "need 5 rows"),

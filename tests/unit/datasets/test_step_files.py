@@ -142,7 +142,7 @@ def test_one_reward_a_step_needs_a_word(tmp_path):
             "observation_0,observation_1,next_observation_0,action,reward",
             "2 columns observation_0, ... and 1 columns next_observation_0",
         ),
-        ("observation_0,action,reward", "no column next_observation_0"),
+        ("observation_0,action,reward", "nothing says where an episode ends"),
         ("", "is empty"),
     ],
 )
@@ -211,3 +211,70 @@ def test_what_the_file_tells_is_not_overruled(table, tmp_path):
     np.savez(path, **{**arrays, "socialiq": np.frombuffer(b'{"n_actions": "4"}', np.uint8)})
     with pytest.raises(UserError, match="socialiq entry that cannot be read"):
         read_steps(path)
+
+
+LOGGED = """run,who,charge,level,power,profit,cost,done,notes
+b,greedy,0.5,1,fast,1.5,2,False,x
+b,greedy,0.7,0,off,1,0,True,
+a,polite,0.5,2,slow,2,1,False,
+a,polite,0.6,1,slow,2,1,False,
+a,polite,0.9,0,off,2,0,False,
+"""
+MAP = """
+[columns]
+observation = ["charge", "level"]
+action = "power"
+r_env = "profit"
+r_social = "cost"
+mode = "who"
+episode = "run"
+done = "done"
+[scales]
+cost = -0.5
+[words]
+power = ["off", "slow", "fast"]
+level = 3
+"""
+
+
+def logged(folder, log=LOGGED, columns=MAP):
+    (folder / "log.csv").write_text(log)
+    (folder / "map.toml").write_text(columns)
+    return read_steps(folder / "log.csv", n_actions=3, columns=folder / "map.toml")
+
+
+def test_a_csv_as_people_log_it(tmp_path):
+    """The last step of `a` is left out: no terminal state follows, and no observation."""
+    data = logged(tmp_path)
+    assert data.counts() == {"greedy": (1, 2), "polite": (1, 2)}
+    assert data.observation[0].tolist() == [0.5, 0, 1, 0]
+    assert data.next_observation[:, 0].astype("f8").round(3).tolist() == [0.7, 0.7, 0.6, 0.9]
+    assert data.action.tolist() == [2, 0, 1, 1]
+    assert data.rewards.social.tolist() == [-1, 0, -0.5, -0.5]
+    assert data.ending.tolist() == [0, Ending.OTHER, 0, Ending.TIMEOUT]
+
+
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        ({"log": LOGGED.replace("charge", "a").replace("cost", "b")}, "no column charge, cost: "),
+        (
+            {"log": LOGGED.replace("b,greedy,0.5", "b,greedy,x").replace("off", "of")},
+            "line 2: column observation_0 is 'x', not a number; .*line 3: column action is 'of', ",
+        ),
+        (
+            {"log": LOGGED.replace("0.5,2", "0.5,3")},
+            "line 4: column observation_1 is .3., not one of its words",
+        ),
+        ({"log": LOGGED + "c,polite,1,1,off,1,1,False,\n"}, "episode 2 has one step, and what"),
+        ({"columns": MAP.replace("done =", "over =")}, "columns. over: known are observation, "),
+        ({"columns": MAP.replace("[scales]", "[scale]")}, "scale is unknown: known are columns"),
+        ({"columns": MAP.replace("cost = -0.5", "costs = -1")}, "costs is unknown: known are"),
+        ({"columns": MAP.replace("-0.5", "'a'")}, "must have tables: columns of names, scales of"),
+        ({"columns": "words = 3"}, "must have tables"),
+    ],
+)
+def test_faults_of_a_map_or_its_file_are_named(changed, line, tmp_path):
+    with pytest.raises(UserError, match=line) as caught:
+        logged(tmp_path, **changed)
+    assert "\n" not in str(caught.value)

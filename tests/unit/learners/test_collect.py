@@ -105,14 +105,12 @@ class Counting(gymnasium.Env):
         return np.full(1, self.time, np.float32), 0.0, False, self.time == 7, {}
 
 
-@pytest.mark.parametrize(("goes_on", "second"), [(True, [5, 6, 0, 1, 2]), (False, [0, 1, 2, 3, 4])])
-def test_a_chunk_goes_on_where_the_last_one_stopped(goes_on, second):
-    source = from_env(Counting(), 5, goes_on=goes_on)
+def test_each_chunk_begins_with_a_reset_of_every_environment():
+    source = from_env([Counting(), Counting()], 10)
     rng = np.random.default_rng(0)
-    seen = [source(lambda one: np.zeros(len(one), int), rng) for _ in range(2)]
-    assert seen[0].observation[:, 0].tolist() == [0, 1, 2, 3, 4]
-    assert seen[1].observation[:, 0].tolist() == second
-    assert (seen[1].ending[1] == Ending.TIMEOUT) == goes_on
+    for _ in range(2):
+        rows = source(lambda observations: np.zeros(len(observations), int), rng)
+        assert rows.observation[:, 0].tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
 
 
 def test_actions_that_are_not_discrete_are_refused():

@@ -6,7 +6,6 @@ import functools
 import importlib
 import importlib.util
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -64,14 +63,6 @@ def optional(module: str, extra: str, needed_by: str, distribution: str = "socia
         raise UserError(
             f"{needed_by}: {library} is not installed; run pip install '{distribution}[{extra}]'"
         ) from error
-
-
-def data_frame(rows: Sequence[Mapping[str, Any]]) -> Any:
-    """Return a table as a data frame of pandas or polars, which is installed, else its rows."""
-    for library in ("pandas", "polars"):
-        if importlib.util.find_spec(library):
-            return importlib.import_module(library).DataFrame(list(rows))
-    return list(rows)
 
 
 def drawing(module: str = "matplotlib.figure") -> Any:

@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -108,6 +108,25 @@ def read_toml(path: Path) -> dict[str, Any]:
         elif isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise UserError(f"{path} has a whole number of more than 64 bits: TOML has none")
     return document
+
+
+def check_keys(table: str, content: Mapping[str, Any], allowed: Iterable[str]) -> None:
+    """Refuse keys of a table of a TOML file that are unknown.
+
+    Args:
+        table: Name of the table; "" for the file itself.
+        content: The table.
+        allowed: Keys that it may have.
+
+    Raises:
+        UserError: The line names the key and those that are known.
+    """
+    for key in content:
+        if key not in allowed:
+            where = f"[{table}] " if table else ""
+            raise UserError(
+                f"{where}{one_line(key, 40)} is unknown: known are {', '.join(allowed)}"
+            )
 
 
 def sha256_of(content: bytes | str) -> str:

@@ -7,7 +7,6 @@ from socialiq_recordings.identity.identify import (
     Overlap,
     pairs_once,
     same_moments,
-    tracks_kept,
 )
 
 
@@ -32,9 +31,3 @@ def test_the_longer_of_two_conflicts_stays():
     sizes = {(0, 0, 1): 3.0, (0, 1, 0): 3.0, (1, 1, 0): 5.0, (1, 0, 1): 2.0, (2, 0, 1): 1.0}
     # (0, 0, 1) and (1, 1, 0) are the same vehicles in the same roles.
     assert pairs_once(sizes, WINDOWS) == {(1, 1, 0), (0, 1, 0), (2, 0, 1)}
-
-
-def test_the_longer_of_two_tracks_stays(straight):
-    first, second = straight([8.0, 9.0], frames=30), straight([9.0, 8.0, 7.0], frames=40)
-    # All tracks of the first are in the second.
-    assert tracks_kept([first, second], WINDOWS) == {(1, 0), (1, 1), (1, 2)}

@@ -9,6 +9,7 @@ from socialiq.cli.output import Display, Policies
 from socialiq.cli.train.dial import OfflineDial
 from socialiq.cli.train.shared import CHUNK
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained
 from socialiq.types import Row
@@ -42,6 +43,10 @@ class PractisedDial(OfflineDial):
     def result(self) -> Policies:
         """Train a dial for each seed, write the folder."""
         assert self.practice.span >= 0  # sizes that make no practice are refused at once
+        if not self.world:
+            raise UserError(
+                "no junction to practise in: add --world FILE, of `socialiq data world`"
+            )
         RecordedWorld.load(Path(self.world))
         return super().result()
 

@@ -18,7 +18,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq_recordings.identity import alignment
 from socialiq_recordings.identity.alignment import Motion, Shape
-from socialiq_recordings.recording import Recording, Tracks
+from socialiq_recordings.recording import Recording
 
 SAME_SITE = 0.8
 """Share of a shape that must lie on another. Of the six maps of the twelve scenarios of NGSIM the
@@ -228,26 +228,6 @@ def once(sizes: Mapping[Key, float], same: Callable[[Key], Iterable[Key]]) -> se
         if not largest.intersection(same(item)):
             largest.add(item)
     return largest
-
-
-def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place]:
-    """Return the tracks of some recordings that none of them shows for longer.
-
-    Args:
-        recorded: Tracks of each recording, in the order of `identified`.
-        identified: Vehicles that the recordings show at the same moments.
-
-    Returns:
-        Pairs of the index of a recording and the number of a track in it. Each vehicle that several
-        recordings show at the same moments is in one pair.
-    """
-    same = same_moments(identified)
-    sizes = {
-        (recording, track): float(count)
-        for recording, tracks in enumerate(recorded)
-        for track, count in enumerate(np.diff(tracks.starts).tolist())
-    }
-    return once(sizes, lambda key: same.get(key, ()))
 
 
 def pairs_once(

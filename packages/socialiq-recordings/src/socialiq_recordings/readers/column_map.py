@@ -12,7 +12,7 @@ from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.reading import read_toml
+from socialiq.reading import check_keys, read_toml
 from socialiq_recordings.plausible import MeasurementError
 from socialiq_recordings.recording import RoadUser
 
@@ -119,12 +119,14 @@ _TABLES: dict[str, tuple[str, ...]] = {
 
 def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
     tables = (*_TABLES, "classes", "default_sizes")
-    _only("", content, (*tables, "format", "licence", "separator", "optional", "default_class"))
+    check_keys(
+        "", content, (*tables, "format", "licence", "separator", "optional", "default_class")
+    )
     sections: dict[str, dict[str, Any]] = {table: content.get(table, {}) for table in tables}
     for table, section in sections.items():
         if not isinstance(section, dict):
             raise UserError(f"{table} must be a table: write [{table}]")
-        _only(table, section, _TABLES.get(table, tuple(section)))
+        check_keys(table, section, _TABLES.get(table, tuple(section)))
     time = sections["time"]
     users = sections["road_users"]
     axes = sections["axes"]
@@ -175,15 +177,6 @@ def _map_of(content: dict[str, Any], name: str) -> ColumnMap:
             "[road_users] has a file but no id: name the column with the track's number"
         )
     return column_map
-
-
-def _only(table: str, content: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    for key in content:
-        if key not in allowed:
-            where = f"[{table}] " if table else ""
-            raise UserError(
-                f"{where}{one_line(key, 40)} is unknown: known are {', '.join(allowed)}"
-            )
 
 
 def _choice(what: str, value: Any, allowed: tuple[Any, ...]) -> Any:

@@ -315,10 +315,12 @@ class FromArrays(_Reader):
     has it, except CSV."""
     mode: tuple[str, ...] = ()
     """Names of the demonstrators that the column `mode` numbers; by default demonstrator."""
+    columns: Path | None = None
+    """TOML file that maps the columns of a CSV file: names, scales, words, sizes."""
 
     def read(self, **options: Any) -> Demonstrations:
         """Read the file."""
-        options |= {"n_actions": self.n_actions, "mode_names": self.mode}
+        options |= {"n_actions": self.n_actions, "mode_names": self.mode, "columns": self.columns}
         return step_files.read_steps(self.file, **options)
 
 

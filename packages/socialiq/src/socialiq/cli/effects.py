@@ -36,7 +36,7 @@ from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.evaluation.measures import Episodes, by_episode
 from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
-from socialiq.foreign import drawing
+from socialiq.foreign import drawing, one_line
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
@@ -49,7 +49,7 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import SUMO_IDS, UNSEEN
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION, NAMES
-from socialiq.worlds.environment import make_environment
+from socialiq.worlds.environment import is_environment, make_environment
 from socialiq.worlds.files import names_file
 from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.effects import RELATIONS, AfterTimeout, EffectOptions
@@ -110,6 +110,11 @@ class EffectsOf(Printing):
         check_seed(self.seed)
         written = self.road.written(self.world, self._named)
         if not (written.is_built or written.in_sumo or names_file(written.name)):
+            if is_environment(written.name):
+                raise UserError(
+                    f"effects compare with the same episode without the ego, which "
+                    f"{one_line(written.name)} does not give: `socialiq evaluate` prints r_social"
+                )
             one_of("world", written.name, (*NAMES, *SUMO_IDS))
         if self.angle and all(angle is None for _, angle in self.drivers()):
             raise UserError("--angle is of dials: name a dial's file by --policy, or leave it out")

@@ -121,7 +121,9 @@ def of_steps(
         episode: 0, 1, 2, ..., (steps,); without it an episode ends where a flag is set.
         step: Number of the step in its episode, (steps,); without it the rows are counted.
         next_observation: s'; without it the observation of the episode's next row, and
-        final_observation: s' of each episode's last row, (episodes, features).
+        final_observation: s' of each episode's last row, (episodes, features). Without both, the s
+            of a row that reaches a terminal state stands for its s', and the last row of any
+            further episode is left out: the row before it is then cut by the clock.
         mode: Demonstrator of each row, an index into `mode_names`; the first without it.
         mode_names: Names of the demonstrators.
         social: "none" if a reward of one number a step is r_env, and r_social is 0.
@@ -145,6 +147,8 @@ def of_steps(
         "mode": modes.astype(np.int8),
         "step": steps_of(number) if step is None else whole_of("step", step),
     }
+    if next_observation is None and final_observation is None:
+        arrays = _without_unknown(arrays)
     origin = {} if bounds is None else {ACTION_BOUNDS: bounds.as_json()}
     return Demonstrations.of_arrays(arrays, mode_names, n_actions, {**(source or {}), **origin})
 
@@ -203,10 +207,7 @@ def _next(
         return features_of("next_observation", following, flatten)
     last = np.flatnonzero(np.diff(episode, append=episode[-1:] + 1))
     if final is None:
-        raise UserError(
-            "what follows an episode's last step is not known: pass next_observation, or "
-            f"final_observation, a row for each of {len(last)} episodes"
-        )
+        final = observed[last]
     ends = features_of("final_observation", final, flatten)
     if ends.shape != (len(last), observed.shape[1]):
         raise UserError(
@@ -216,6 +217,26 @@ def _next(
     after = np.roll(observed, -1, axis=0)
     after[last] = ends
     return after
+
+
+def _without_unknown(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return columns without the last rows of episodes that end elsewhere than in a terminal state.
+
+    What follows these rows is not known. The rows before them are then cut by the clock.
+    """
+    number = arrays["episode"]
+    last = np.diff(number, append=number[-1:] + 1) != 0
+    unknown = np.flatnonzero(last & ~arrays["terminated"])
+    before = unknown - 1
+    alone = unknown[steps_of(number)[unknown] == 0]
+    if len(alone):
+        raise UserError(
+            f"episode {number[alone[0]]} has one step, and what follows it is not known: pass "
+            "next_observation or final_observation, or leave the episode out"
+        )
+    arrays["truncated"][before] = True
+    arrays["ending"][before] = Ending.TIMEOUT
+    return {name: np.delete(column, unknown, axis=0) for name, column in arrays.items()}
 
 
 def pair_of(reward: Any, social: str) -> RewardPair:

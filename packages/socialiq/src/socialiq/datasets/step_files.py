@@ -7,6 +7,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from numpy.lib import format as npy
 
 from socialiq.datasets import step_tables
 from socialiq.datasets.arrays import Bounds, of_steps
+from socialiq.datasets.column_map import ColumnMap, read_map
 from socialiq.datasets.hdf5 import d4rl_of, read_d4rl
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
@@ -41,6 +43,7 @@ def read_steps(
     mode_names: tuple[str, ...] = (),
     social: str = "",
     flatten: bool = False,
+    columns: Path | None = None,
 ) -> Demonstrations:
     """Read a file of one row for each step, of `write_steps` or of another program.
 
@@ -52,13 +55,23 @@ def read_steps(
         mode_names: Names of the demonstrators that `mode` numbers; by default the header's, or one.
         social: "none" if a reward of one number a step is r_env, and r_social is 0.
         flatten: Whether observations of more axes (images) are flattened to one; .npz only.
+        columns: TOML file of a column map, of a CSV file; modes and episodes may then be text.
 
     Raises:
         UserError: If the file is missing or damaged, or a column is missing, unknown or wrong; the
             line names it.
     """
     path = path_of(path)
-    arrays, header = _read(path)
+    modes = dict[str, int]()
+    if columns is None:
+        arrays, header = _read(path)
+    else:
+        arrays = _mapped(path, read_map(columns), modes)
+        header = None
+    mode_names = mode_names or tuple(modes)
+    done = arrays.pop("done", None)
+    if done is not None:
+        arrays.setdefault("terminated", done & ~np.asarray(arrays.get("truncated", False)))
     written = _header(path, header)
     if written:
         n_actions = _agreed(path, "the number of actions", n_actions, written["n_actions"])
@@ -142,14 +155,20 @@ def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
         header = None
     else:
         columns, header = step_tables.read_parquet(path, HEADER)
-    arrays = step_tables.STEPS.arrays_of(columns, str(path))
-    following = step_tables.STEPS.vectors[1]
-    if following not in arrays:
-        raise UserError(
-            f"{path} has no column {following}_0, ...: what follows an episode's last step is in "
-            "no other column"
-        )
-    return arrays, header
+    return step_tables.STEPS.arrays_of(columns, str(path)), header
+
+
+def _mapped(path: Path, columns: ColumnMap, modes: dict[str, int]) -> dict[str, Any]:
+    """Return the arrays of a CSV file by a column map; number its modes in `modes`."""
+    if format_of(path) != ".csv":
+        raise UserError(f"{path} is no CSV file: leave the column map out, and name its columns")
+    readers: dict[str, Any] = {
+        columns.names[column]: partial(columns.number_of, column) for column in columns.words
+    }
+    for name, numbers in (("mode", modes), ("episode", dict[str, int]())):
+        readers[name] = lambda cell, numbers=numbers: numbers.setdefault(cell, len(numbers))
+    read = step_tables.read_csv(path, mapped=columns.names, readers=readers)
+    return step_tables.STEPS.arrays_of(columns.applied(read), str(path))
 
 
 def _header(path: Path, header: bytes | None) -> dict[str, Any] | None:

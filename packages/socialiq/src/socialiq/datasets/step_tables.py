@@ -56,14 +56,14 @@ class Layout(NamedTuple):
         Raises:
             UserError: The line names the column and the remedy.
         """
-        for name in names:
-            if self.kind_of(name) is None:
-                vectors = (f"{vector}_0, ..." for vector in (*self.vectors, self.action))
-                columns = ", ".join((*vectors, self.action, *self.scalars))
-                raise UserError(
-                    f"{source} has an unknown column '{one_line(name, 60)}': remove or rename it; "
-                    f"known are {columns}"
-                )
+        unknown = [f"'{one_line(name, 60)}'" for name in names if self.kind_of(name) is None]
+        if unknown:
+            vectors = (f"{vector}_0, ..." for vector in (*self.vectors, self.action))
+            columns = ", ".join((*vectors, self.action, *self.scalars))
+            raise UserError(
+                f"{source} has an unknown column {', '.join(unknown[:5])}: remove or rename it, or "
+                f"map a CSV file's columns (--columns); known are {columns}"
+            )
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise UserError(f"{source} has two columns {twice}: leave one")
@@ -152,6 +152,7 @@ STEPS = Layout(
         "r_social": "number",
         "terminated": "flag",
         "truncated": "flag",
+        "done": "flag",
         "ending": "integer",
         "mode": "integer",
         "episode": "integer",
@@ -206,13 +207,30 @@ _CELLS: dict[Kind | None, _Cells] = {
 }
 
 
-def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
+MOST_FAULTS = 3
+"""Faults that a refusal names."""
+
+
+def read_csv(
+    path: Path,
+    layout: Layout = STEPS,
+    mapped: Mapping[str, str] | None = None,
+    readers: Mapping[str, Callable[[str], Any]] | None = None,
+) -> dict[str, np.ndarray]:
     """Read the columns of a CSV file of steps (UTF-8, comma, first line with the names).
 
+    Args:
+        path: The file.
+        layout: Columns that it may have.
+        mapped: Names of the layout by the file's; further columns are left out. None: the file has
+            the names of the layout.
+        readers: Functions that read a cell's text as an integer, by names of the layout.
+
     Raises:
-        UserError: If the file is missing, empty or too large, its header is wrong, or a cell
-            cannot be read; the line names the file's line and the column.
+        UserError: If the file is missing, empty or too large, its header is wrong, or cells cannot
+            be read; the line names the file's lines and the columns.
     """
+    faults = list[str]()
     with open_csv(path) as file:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
             raise UserError(f"{path} is larger than {MOST_BYTES:,} bytes: split it")
@@ -221,30 +239,48 @@ def read_csv(path: Path, layout: Layout = STEPS) -> dict[str, np.ndarray]:
             names = [name.strip() for name in next(rows, [])]
             if not names:
                 raise UserError(f"{path} is empty: name a file with steps")
-            layout.check_names(names, str(path))
-            parsers = {name: _CELLS[layout.kind_of(name)] for name in names}
+            if mapped is not None:
+                if missing := [name for name in mapped if name not in names]:
+                    raise UserError(
+                        f"{path} has no column {', '.join(missing)}: correct the column map; the "
+                        f"file has {one_line(', '.join(names), 300)}"
+                    )
+                names = [mapped.get(name, "") for name in names]
+            present = [name for name in names if name]
+            layout.check_names(present, str(path))
+            parsers = {name: _CELLS[layout.kind_of(name)] for name in present}
+            for name, read in (readers or {}).items():
+                if name in parsers:
+                    parsers[name] = _CELLS["integer"]._replace(read=read, text="one of its words")
             columns = {name: array(parser.code) for name, parser in parsers.items()}
             for cells in rows:
                 where = f"{path}, line {rows.line_num}"
-                if cells and len(cells) != len(columns):  # an empty line has none
+                if cells and len(cells) != len(names):  # an empty line has none
                     raise UserError(
-                        f"{where}: {len(cells)} cells for {len(columns)} columns: restore the file"
+                        f"{where}: {len(cells)} cells for {len(names)} columns: restore the file"
                     )
-                for cell, (name, parser) in zip(cells, parsers.items(), strict=False):
+                for cell, name in zip(cells, names, strict=False):
+                    if not name:
+                        continue
                     try:
-                        columns[name].append(parser.read(cell))
-                    except (ValueError, KeyError, OverflowError) as error:
-                        raise UserError(
-                            f"{where}: column {name} is '{one_line(cell, 40)}', not {parser.text}"
-                        ) from error
+                        columns[name].append(parsers[name].read(cell))
+                    except (ValueError, KeyError, OverflowError):
+                        text = one_line(cell, 40)
+                        faults.append(
+                            f"{where}: column {name} is '{text}', not {parsers[name].text}"
+                        )
+                if len(faults) >= MOST_FAULTS:
+                    break
         except csv.Error as error:
             raise UserError(
                 f"{path}, line {rows.line_num}: {error}: is this a CSV file?"
             ) from error
-    if not len(columns[names[0]]):
+    if faults:
+        raise UserError("; ".join(faults[:MOST_FAULTS]))
+    if not len(columns[present[0]]):
         raise UserError(f"{path} has no row but its header: name a file with steps")
     arrays = {name: np.array(column) for name, column in columns.items()}
-    flags = {name: arrays[name].astype(np.bool_) for name in names if parsers[name].code == "b"}
+    flags = {name: arrays[name].astype(np.bool_) for name in present if parsers[name].code == "b"}
     return arrays | flags
 
 

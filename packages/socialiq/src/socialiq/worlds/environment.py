@@ -1,5 +1,7 @@
 """User-provided environments, made by name. Their code runs only where the caller allows it."""
 
+import importlib
+import importlib.util
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -25,8 +27,10 @@ from socialiq.worlds import (
     register,
     wrapper,
 )
+from socialiq.worlds.catalogue import ROADS
 from socialiq.worlds.grammar import parse
 
+_HIGHWAY = "highway_env"
 _BUILT_IN = IDS | SCENE_IDS | SUMO_IDS
 
 
@@ -71,6 +75,11 @@ def make_environment(
     if not isinstance(env, gymnasium.Env):
         raise UserError(f"{one_line(name)} made {type(env).__name__}, not a gymnasium.Env")
     wrapper.check_spaces(env, continuous)
+    if needs_pair and ":" not in name and type(env.unwrapped).__module__.startswith(_HIGHWAY):
+        raise UserError(
+            f"{name} of highway-env gives no reward pair: choose {', '.join(ROADS[:-1])}, its "
+            "roads with one, or a function of a module that wraps it in a RewardPairWrapper"
+        )
     guarded: gymnasium.Env[Any, Any] = _Guarded(env, one_line(name))
     guarded = wrapper.RewardPairWrapper(guarded) if needs_pair else guarded
     return wrapper.UnitActions(guarded) if isinstance(env.action_space, spaces.Box) else guarded
@@ -167,6 +176,8 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
         if callable(function):
             return function(**options)
         register()
+        if attribute not in gymnasium.registry and importlib.util.find_spec(_HIGHWAY):
+            importlib.import_module(_HIGHWAY)  # it registers its ids
         return gymnasium.make(attribute if module else _BUILT_IN.get(name, name), **options)
     except UserError:
         raise
@@ -220,7 +231,7 @@ class _Guarded(gymnasium.Wrapper, RecordConstructorArgs):
     def _flat(self, observation: Any) -> np.ndarray:
         try:
             observed = wrapper.flat(self.env.observation_space, observation)
-        except (TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise UserError(
                 f"{self._name} gave an observation that is no array of numbers: correct it"
             ) from error
