@@ -10,7 +10,7 @@ import tyro
 
 from socialiq.cli import drivers
 from socialiq.cli.output import Printing, listed, print_json, print_table
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.evaluation.classes import ClassGround, driven
 from socialiq.evaluation.dial import Sweep, calibrated, rollout_dial, sweep
 from socialiq.evaluation.effects import DELAYS_AND_HITS
@@ -25,7 +25,8 @@ from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
 from socialiq.storage import kind_of
 from socialiq.types import Row
-from socialiq.worlds import catalogue, grammar
+from socialiq.worlds import grammar
+from socialiq.worlds.enumerate import Table
 from socialiq.worlds.road_users import ROAD_USERS
 
 _BY_CLASS = (
@@ -36,22 +37,22 @@ _BY_CLASS = (
 
 @dataclass(frozen=True)
 class Dial(Printing):
-    """Evaluate a dial at each angle: exactly in a gridworld, by episodes on a road.
+    """Evaluate a dial at each angle: exactly in a gridworld, by episodes elsewhere.
 
     Each row is an angle. First it has the dial's policy at this angle: its mean sums, and in a
     gridworld its regret, the difference to the best at that angle. Then it has the mixture of two
     of the dial's policies, one drawn per episode, whose *behaviour* is at that angle: the radius is
-    the length of its mean sums, and the share is relative to the longest of any policy there. On
-    a road half of the episodes select the mixture and half measure its angle, with a 95 %
+    the length of its mean sums, and the share is relative to the longest of any policy there. Of
+    episodes half of the episodes select the mixture and half measure its angle, with a 95 %
     interval.
 
     Example: socialiq dial crossing7 --policy run/dial_0.safetensors
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, crosswalk7, intersection, intersection-crosswalk, merge, roundabout;
-    with a dial of continuous actions intersection-continuous, or intersection-continuous-steering
-    (with -offroad: leaving the road ends an episode)."""
+    """crossing5, crossing7, crosswalk7, intersection, merge, roundabout, ..., with a dial of
+    continuous actions intersection,control=continuous; or an environment: a Gymnasium id, MODULE:ID
+    or MODULE:FUNCTION."""
     policy: Path
     """Dial file, of `socialiq train dial`, or `driver`, which ships; where actions are continuous,
     of `train sac` or `iq-learn` with --set dial=true."""
@@ -62,12 +63,14 @@ class Dial(Printing):
     soft: bool = False
     """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
     episodes: int = 500
-    """Episodes of each angle on a road."""
+    """Episodes of each angle where it is not exact."""
     seed: int = 0
     """Seed of the first episode there, and of the bootstrap."""
     calibrated: Path | None = None
     """Dial file to write, which answers each angle with the best of the policies of the rows at
     that angle; must not exist. Of discrete actions alone."""
+    allow_code: bool = False
+    """Import the environment's module: its author's code runs with your rights."""
 
     def run(self) -> int:
         """Query, evaluate, print."""
@@ -75,36 +78,34 @@ class Dial(Printing):
             refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
-        written = grammar.parse(self._shown)
-        one_of("world", written.name, catalogue.NAMES)
-        is_grid = written.name in catalogue.GRIDS
-        if written.control:
+        world: Any = drivers.world_of(grammar.parse(self._shown), self.allow_code)
+        kind = kind_of(self._file)
+        shown = world
+        if world.action_size:
             if self.calibrated:
                 raise UserError("--calibrated is of dials of discrete actions: leave it out")
             dial = ActorDial.load(self._file)
-            rows, summary, _ = self.rolled(dial)
+            rows, summary, _ = self.rolled(dial, world)
         else:
-            two_angles = kind_of(self._file) == ClassDial.KIND
-            if two_angles and (is_grid or self._walks(written)):
-                return self._by_class()
-            if kind_of(self._file) == ActorDial.KIND:
+            if kind == ClassDial.KIND and (world.is_exact or world.walks):
+                return self._by_class(world)
+            if kind == ActorDial.KIND:
                 raise UserError(
                     f"{self.policy} has continuous actions: choose intersection,control=continuous "
                     "or control=steering"
                 )
-            if two_angles:  # vehicles are the one class here
+            if kind == ClassDial.KIND:  # vehicles are the one class here
                 dial = ClassDial.load(self._file).of_class(0.0)
             else:
                 dial = DialPolicy.load(self._file)
-            measure = self.exact if is_grid else self.rolled
-            rows, summary, evaluated = measure(dial)
+            if world.is_exact:
+                shown = drivers.gridworld_of(self.world, dial)
+                rows, summary, evaluated = self.exact(dial, shown)
+            else:
+                rows, summary, evaluated = self.rolled(dial, world)
             if self.calibrated:
                 calibrated(dial, evaluated).save(self.calibrated, replace=False)
-        if isinstance(dial, DialPolicy) and is_grid:
-            world = drivers.gridworld_of(self.world, dial)
-        else:
-            world = grammar.build_written(written)
-        drivers.complain_if_it_stands(str(self.policy), dial, drivers.observed(world, dial))
+        drivers.complain_if_it_stands(str(self.policy), dial, drivers.observed(shown, dial))
         summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
@@ -123,22 +124,16 @@ class Dial(Printing):
         """The world as the dial observes it."""
         return world_for(self.world, [str(self.policy)])
 
-    def _walks(self, written: grammar.Written) -> bool:
-        """Whether people walk on a road."""
-        return getattr(drivers.with_one_ego(written), "walks", False)
-
-    def _by_class(self) -> int:
+    def _by_class(self, world: Any) -> int:
         """Evaluate a dial of two angles at each pair of them: exactly, or on a road by episodes."""
         if self.calibrated:
             raise UserError("--calibrated is of one angle: `socialiq turn --class-angle` first")
         dial = ClassDial.load(self._file)
         summary = Row()
-        written = grammar.parse(self._shown)
-        if written.name in catalogue.ROADS:
+        if not world.is_exact:
             check_seed(self.seed)
             if self.soft or self.episodes < 2:
                 raise UserError("on a road give --episodes of 2 or more, and leave --soft out")
-            world: Any = drivers.with_one_ego(written)
             drivers.refuse_misfit(str(self.policy), dial.of_class(0.0), world)
             seeds = np.arange(self.seed, self.seed + self.episodes)
             rows = list(driven(dial, world, float(self.every), seeds))
@@ -164,9 +159,9 @@ class Dial(Printing):
         """Action selection: greedy or soft."""
         return "soft" if self.soft else "greedy"
 
-    def exact(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
+    def exact(self, dial: DialPolicy, table: Table) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation in a gridworld, queried at every degree."""
-        states = drivers.gridworld_of(self.world, dial).reachable_part()
+        states = table.reachable_part()
         evaluated = sweep(dial, states, self.readout)
         best = optimum_of(states.world)
         regrets = evaluated.regrets(best.attainable)
@@ -195,13 +190,12 @@ class Dial(Printing):
         }
         return rows, means | _backward(evaluated), evaluated
 
-    def rolled(self, dial: DialPolicy | ActorDial) -> tuple[list[Row], Row, Sweep]:
-        """Return rows, summary and evaluation on a road, driven at every row's angle.
+    def rolled(self, dial: DialPolicy | ActorDial, world: Any) -> tuple[list[Row], Row, Sweep]:
+        """Return rows, summary and evaluation by episodes, driven at every row's angle.
 
         The radius of a mixture is that of the episodes that select it.
         """
         check_seed(self.seed)
-        world: Any = drivers.with_one_ego(grammar.parse(self._shown))
         drivers.refuse_misfit(str(self.policy), dial, world)
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
@@ -216,7 +210,7 @@ class Dial(Printing):
         ):
             row = _queried(angle, metrics)
             row |= {"arrival": metrics.arrival, "collision": metrics.collision}
-            if world.action_size:  # elsewhere the ego follows its lane
+            if world.action_size and "off_road" in episodes:  # else the ego follows its lane
                 row["off_road"] = float(episodes.off_road.mean())
             row |= dict.fromkeys(names, "")
             with contextlib.suppress(UserError):  # no mixture has that angle

@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from socialiq.audit.profile.environment import Environment
 from socialiq.cli.output import complain
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import stands
@@ -26,7 +27,7 @@ from socialiq.storage import kind_of
 from socialiq.types import ROWS, Policy
 from socialiq.worlds import catalogue, grammar, registry
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.environment import action_size, sizes
+from socialiq.worlds.environment import action_size, is_environment, sizes
 from socialiq.worlds.files import names_file
 from socialiq.worlds.grammar import Written
 from socialiq.worlds.highway.options import FEATURES
@@ -113,6 +114,21 @@ def with_one_ego(written: Written) -> World:
             f"{world.agents} agents are driven by `socialiq population`: leave agents out here"
         )
     return world
+
+
+def world_of(written: Written, allow_code: bool = False) -> World:
+    """Return the world that is written, of one ego: of this package, or an environment.
+
+    Args:
+        written: The world.
+        allow_code: Whether the module of an environment may be imported.
+
+    Raises:
+        UserError: If it has several agents, or an environment can't be made or gives no pair.
+    """
+    if written.is_built or not is_environment(written.name):
+        return with_one_ego(written)
+    return Environment.of(written.name, written.options, allow_code)
 
 
 def driver_of(
@@ -207,7 +223,7 @@ def with_fallback(text: str, name: Any, loaded: Loaded, read: Callable[[str], Lo
 
 
 def refuse_misfit(name: str, policy: DialPolicy | ActorDial, world: World) -> None:
-    """Refuse a policy or dial that was trained for another world; it may take the time too.
+    """Refuse a policy or dial of another world; where one shows the time, it may take that too.
 
     Args:
         name: Name of the policy, for the message.
@@ -217,7 +233,7 @@ def refuse_misfit(name: str, policy: DialPolicy | ActorDial, world: World) -> No
     Raises:
         UserError: If the policy's observations or actions are not the world's.
     """
-    fits = policy.n_features in (world.n_features, world.n_features + 1)
+    fits = policy.n_features in (world.n_features, world.n_features + world.shows_time)
     if isinstance(policy, ActorDial):
         observed = Interface.of(world)
         accepted = Interface(policy.n_features, 0, policy.action_size)

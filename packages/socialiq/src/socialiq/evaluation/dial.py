@@ -23,7 +23,7 @@ from socialiq.social.angle import AngleEstimate, estimate_angle, exact_weights
 from socialiq.social.dial import Setting, setting
 from socialiq.types import RewardPair
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.highway.batch import RoadBatch
+from socialiq.worlds.world import Simulator
 
 
 @dataclass(frozen=True)
@@ -192,16 +192,16 @@ class DialRollouts:
 
 def rollout_dial(
     dial: DialPolicy | ActorDial,
-    batch: RoadBatch,
+    batch: Simulator,
     angles: Sequence[float],
     seeds: Int64[np.ndarray, " episode"],
     readout: Readout = "greedy",
 ) -> DialRollouts:
-    """Run seeded episodes of a dial on any road, the same ones at each angle.
+    """Run seeded episodes of a dial in any world, the same ones at each angle.
 
     Args:
         dial: The dial.
-        batch: Episodes of the road, on the core.
+        batch: Episodes of the world.
         angles: Angles in degrees, ascending.
         seeds: Seed of each episode.
         readout: "greedy" for the best action, "soft" for the dial's probabilities.

@@ -11,11 +11,11 @@ from socialiq.evaluation.measures import DECISION, Episodes, Quantity, columns_o
 from socialiq.evaluation.simulate import Step, play
 from socialiq.social.angle import estimate_angle
 from socialiq.types import Policy, Row
-from socialiq.worlds.highway.batch import RoadBatch
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import POSITION_RANGE, SLOWER
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
 from socialiq.worlds.road_users import ROAD_USERS
+from socialiq.worlds.world import Simulator
 
 KMH = 3.6  # km/h of a m/s
 CONFLICT_SECONDS = 3.0  # time within which a crossing vehicle must reach the junction to count
@@ -32,7 +32,7 @@ _BOOTSTRAP_SEED = 0  # of the angle's interval
 
 
 def episodes_of(
-    batch: RoadBatch,
+    batch: Simulator,
     policy: Policy,
     seeds: Sequence[int] | np.ndarray,
     deterministic: bool = True,
@@ -41,7 +41,7 @@ def episodes_of(
     """Run one episode for each seed and return its quantities.
 
     Args:
-        batch: Episodes of a road, on the core.
+        batch: Episodes of any world.
         policy: Policy that drives.
         seeds: Seed of each episode.
         deterministic: Whether the policy takes its best action; see `play`.

@@ -118,6 +118,12 @@ def world_named(name: str, **options: Any) -> World | None:
     return None if is_description and name != world.description else world
 
 
+def world_of(data: Demonstrations) -> World | None:
+    """Return the one world of ours that the sources of demonstrations name; else None."""
+    worlds = {world and world.description: world for world in map(_world_of, _sources(data.source))}
+    return next(iter(worlds.values())) if len(worlds) == 1 else None
+
+
 def _world_of(source: Mapping[str, Any]) -> World | None:
     return world_named(str(source.get("world")), **source.get("options", {}))
 

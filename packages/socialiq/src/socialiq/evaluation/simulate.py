@@ -473,6 +473,10 @@ class GymStep(NamedTuple):
     speed: float
     counted: dict[str, float]  # what the environment counts, by name
     signals: Mapping[str, float]
+    # what only roads report
+    classical: RewardPair = RewardPair(np.zeros(0), np.zeros(0))
+    off_road: np.ndarray = np.zeros(0)
+    neighbours_collided: np.ndarray = np.zeros(0)
 
 
 class GymSimulator:

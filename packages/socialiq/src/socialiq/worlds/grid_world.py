@@ -118,6 +118,11 @@ class GridWorld(World):
         return tuple((feature.low, feature.size) for feature in self.observed)
 
     @property
+    def encoding(self) -> dict[str, Any]:
+        """Settings of the offline dial: every feature as a one-hot vector."""
+        return {"view": "flat", "one_hot": self.one_hot}
+
+    @property
     def n_features(self) -> int:
         """Length of an observation."""
         return len(self.observed)

@@ -148,6 +148,11 @@ class World(abc.ABC):
         return 0
 
     @property
+    def encoding(self) -> dict[str, Any]:
+        """Settings of the offline dial that the world decides: its view, its whole episode."""
+        return {"whole_episode": self.whole_episode}
+
+    @property
     @abc.abstractmethod
     def description(self) -> str:
         """Name and options; worlds with equal descriptions are identical."""

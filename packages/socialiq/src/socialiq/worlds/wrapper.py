@@ -13,7 +13,7 @@ from socialiq.foreign import FAILURES, failure, one_line
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending, RewardPair
 
-FlatSpace = spaces.Box | spaces.Discrete | spaces.MultiBinary | spaces.MultiDiscrete
+FlatSpace = spaces.Box | spaces.Discrete | spaces.MultiBinary | spaces.MultiDiscrete | spaces.Dict
 """Kinds of observations that become one vector of numbers (`flat`)."""
 
 MOST_ONE_HOT = 1_000_000
@@ -226,6 +226,12 @@ def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:
             f"only observations of kind {kinds} are supported, not {type(space).__name__}: wrap "
             "the environment in gymnasium.wrappers.FlattenObservation"
         )
+    if isinstance(space, spaces.Dict):
+        parts = list(map(flat_space, space.spaces.values()))
+        low, high = (
+            np.concatenate([getattr(part, end) for part in parts]) for end in ("low", "high")
+        )
+        return spaces.Box(low, high, dtype=np.float32)
     if not isinstance(space, spaces.Box):
         size = spaces.flatdim(space)
         if size > MOST_ONE_HOT:
@@ -239,7 +245,10 @@ def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:
 
 
 def flat(space: gymnasium.Space[Any], observation: Any) -> np.ndarray:
-    """Return an observation of a space flattened to one float32 vector, as `flat_rows`."""
+    """Return an observation as one float32 vector, as `flat_rows`; a Dict's parts side by side."""
+    if isinstance(space, spaces.Dict):
+        parts = space.spaces.items()
+        return np.concatenate([flat(part, observation[name]) for name, part in parts])
     return flat_rows(space, np.asarray(observation)[None])[0]
 
 
@@ -247,7 +256,7 @@ def flat_rows(space: gymnasium.Space[Any], observations: np.ndarray) -> np.ndarr
     """Return observations as `gymnasium.spaces.flatten` has them: whole numbers as one-hot vectors.
 
     Args:
-        space: Space of one observation, of a kind in `FlatSpace`.
+        space: Space of one observation, of a kind in `FlatSpace`, but no Dict.
         observations: Observations of that space, (row, ...).
 
     Returns:

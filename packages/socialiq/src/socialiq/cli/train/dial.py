@@ -10,12 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import complain_if_it_stands, observed, with_one_ego
+from socialiq.cli.drivers import complain_if_it_stands, observed, with_one_ego, world_of
 from socialiq.cli.output import Display, Policies
 from socialiq.cli.train import shared
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation import road_training
+from socialiq.evaluation import labels, road_training
 from socialiq.evaluation.exact import Ground, exact_regret
 from socialiq.learners import policy_iteration as iteration
 from socialiq.learners.callbacks import Callbacks
@@ -317,17 +317,19 @@ class ImproveDial(shared.Training):
 class OfflineDial(shared.Training):
     """Train a dial of any world from demonstrations alone, regularised towards their drivers.
 
-    Example: socialiq train offline-dial mixed.safetensors --world intersection --out run
+    Example: socialiq train offline-dial mixed.safetensors --out run
     """
 
     data: Annotated[Path, tyro.conf.Positional]
-    """Demonstrations file, of `socialiq collect` or `socialiq data world`."""
+    """Demonstrations file, of `socialiq collect` or `socialiq data`."""
     _: KW_ONLY
-    world: str
-    """World of the demonstrations: crossing5, crossing7, intersection, merge, roundabout, or a file
-    of `socialiq data world`."""
+    world: str = ""
+    """World of the demonstrations, which they must fit: a world, an environment, or a file of
+    `socialiq data world`; by default the one that they name, if any."""
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
+    allow_code: bool = False
+    """Import the environment's module: its author's code runs with your rights."""
     seed: tuple[int, ...] = (0,)
     """Training seeds, a dial each."""
     labels: shared.Labels = field(default_factory=shared.LabelOptions)
@@ -339,7 +341,7 @@ class OfflineDial(shared.Training):
         check_seeds(self.seed)
         data = self.labels.load(self.data)
         check_social([data])
-        settings = encoding_of(self.world, data) | self.size.settings()
+        settings = encoding_of(self.world, data, self.allow_code) | self.size.settings()
         configs = OfflineDialConfig(), OfflineDialHyperparameters()
         static, numbers = self.options.apply(configs, settings)
         runs = [replace(numbers, seed=seed) for seed in self.seed]
@@ -430,12 +432,13 @@ class OfflineDial(shared.Training):
         return offline.train(static, [numbers], [data], progress, shared.CHUNK)
 
 
-def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:
+def encoding_of(name: str, data: Demonstrations, allow_code: bool) -> dict[str, Any]:
     """Return what a world determines of the static config: encoding, length of an episode.
 
     Args:
-        name: Name of the world.
+        name: Name of the world; "" for the one that the demonstrations name, if any.
         data: Demonstrations of this world, with a clock or without.
+        allow_code: Whether the module of an environment may be imported.
 
     Returns:
         Settings of the learner by name.
@@ -443,14 +446,14 @@ def encoding_of(name: str, data: Demonstrations) -> dict[str, Any]:
     Raises:
         UserError: If the demonstrations have other features or actions than the world.
     """
-    world = registry.open_world(name)
     sizes = data.n_features, data.n_actions
+    world = world_of(grammar.parse(name), allow_code) if name else labels.world_of(data)
+    if world is None:
+        return {"view": "flat"}
     for view in (world, world.with_clock()):
         if (view.n_features, view.n_actions) == sizes:
-            if isinstance(view, grid_world.GridWorld):
-                return {"view": "flat", "one_hot": view.one_hot}
-            return {"whole_episode": view.whole_episode}
+            return view.encoding
     raise UserError(
-        f"the demonstrations have {sizes[0]} features and {sizes[1]} actions, {name} has "
+        f"the demonstrations have {sizes[0]} features and {sizes[1]} actions, {world.name} has "
         f"{world.n_features} and {world.n_actions}: they belong to another world"
     )
