@@ -39,14 +39,15 @@ class Stage(Learner):
         rows: Recorded transitions of every run, end to end.
         bounds: First row of each run, and the end.
         units: Unit of the critics' outputs of each run.
-        scales: Mean and deviation of each feature in each run's data, (run, 2, feature), if the
-            networks see standardised features.
+        scales: Mean and deviation of each feature in each run's data, if these have their own scale.
+        limits: Least and largest returns-to-go of each run's data, if these have their own scale.
     """
 
     rows: Rows = None  # pyright: ignore[reportAssignmentType]
     bounds: Int[Array, " bound"] = None  # pyright: ignore[reportAssignmentType]
     units: Float[Array, "run 2"] = None  # pyright: ignore[reportAssignmentType]
     scales: Float[Array, "run 2 feature"] | None = None
+    limits: Float[Array, "run 2 2"] | None = None
 
     StaticConfig: ClassVar[type] = OfflineDialConfig
     Hyperparameters: ClassVar[type] = OfflineDialHyperparameters
@@ -153,6 +154,8 @@ class Critics(Stage):
         where = (rows, direction, self.units[numbers.dataset])
         temperature = self.price(direction, numbers)
         target = losses.critic_target(target_network, *where, temperature, numbers.discount)
+        if self.limits is not None:  # bootstrapping beyond what was recorded diverges
+            target = jnp.clip(target, *self.limits[numbers.dataset])
         loss = losses.critic_loss(network, jax.lax.stop_gradient(target), *where)
         return loss, {"loss": loss, "max_target": jnp.max(jnp.abs(target))}
 
@@ -252,6 +255,8 @@ def train(
             scale.transitions(data) for scale, data in zip(scales, datasets, strict=True)
         ]
         shared["scales"] = jnp.stack([jnp.stack([s.mean, s.deviation]) for s in scales])
+        returns = [np.stack(data.returns("to_go", 1.0), axis=1) for data in datasets]
+        shared["limits"] = jnp.stack([jnp.stack([r.min(axis=0), r.max(axis=0)]) for r in returns])
     tables, units = zip(*(recorded(data, static.whole_episode) for data in datasets), strict=True)
     bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
     shared |= {"bounds": jnp.asarray(bounds, jnp.int32), "units": jnp.stack(units)}
@@ -273,6 +278,8 @@ def train(
         for run, table in enumerate(tables)
     ]
     now, later = (jnp.concatenate(column) for column in zip(*logs, strict=True))
+    if static.own_scale:
+        now, later = map(losses.supported, (now, later))
     rows = rows._replace(log_behaviour=now, next_log_behaviour=later)
     longer = replace(static, updates=static.critic_factor * static.updates)
     critics = finish("critics", Critics(longer, size, rows=rows, **shared))
