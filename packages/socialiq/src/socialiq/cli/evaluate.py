@@ -34,7 +34,7 @@ from socialiq.policies.interface import Record
 from socialiq.policies.load import name_of
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
-from socialiq.types import RewardPair
+from socialiq.types import RewardPair, Row
 from socialiq.worlds import IDS, OLD_IDS, SCENE_IDS, SUMO_IDS, UNSEEN, environment, registry
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION
 from socialiq.worlds.files import is_world_file, refuse_file
@@ -154,10 +154,10 @@ class Evaluate(Printing):
             check_seed(self.seed)
             return evaluate_data(self, self._policies, self.data)
         rows, targets, totals = map(list, zip(*self.measured(), strict=True))
-        angle = targets[0] if self.angle is None and len({*targets}) == 1 else self.angle
-        if angle is not None:
-            scores = compared(totals, angle)
-            rows = [{"score_angle": angle} | at | row for at, row in zip(scores, rows, strict=True)]
+        angles = targets if self.angle is None else [self.angle] * len(rows)
+        together = len({*angles}) == 1 and angles[0] is not None
+        scores = compared(totals, angles[0]) if together else map(_scored, totals, angles)
+        rows = [score | row for score, row in zip(scores, rows, strict=True)]
         if len(rows) == 1:
             return Result(rows[0], listed(rows[0]))
         columns = ("policy", "score", "below_best", "r_env", "r_social", "angle", "arrival")
@@ -165,7 +165,7 @@ class Evaluate(Printing):
         table = [{"policy": name} | row for name, row in zip(self._names, rows, strict=True)]
         short = [{key: _with_interval(key, row) for key in columns if key in row} for row in table]
         numbers = {"policies": table, "pooled": pool(rows, targets)}
-        title = "" if angle is None else f"score: cos α r_env + sin α r_social at {angle:g} degrees"
+        title = "score: cos α r_env + sin α r_social at the angle" if together else ""
         return Result(numbers, short, title, table=table, labels=("policy",))
 
     @property
@@ -330,6 +330,11 @@ class Evaluate(Printing):
             "angle_low": estimate.low,
             "angle_high": estimate.high,
         } | {name: count / self.episodes for name, count in counted}
+
+
+def _scored(totals: RewardPair, angle: float | None) -> Row:
+    """Return the score of one policy at its own angle; an empty row where that is not known."""
+    return {} if angle is None else compared([totals], angle)[0]
 
 
 def _with_interval(name: str, row: Mapping[str, Any]) -> Any:

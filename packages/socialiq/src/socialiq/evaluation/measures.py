@@ -207,12 +207,14 @@ def compared(totals: Sequence[RewardPair], angle: float) -> list[Row]:
         angle: Social angle in degrees.
 
     Returns:
-        For each policy `score`, the mean of cos α R_env + sin α R_social. Of several policies also
-        `below_best`, the mean of the paired differences, and `best`, whether it is the best one.
+        For each policy `score`, the mean of cos α R_env + sin α R_social at `score_angle`. Of several
+        also `below_best`, the mean of the paired differences, and `best`, whether it is the best one.
         Numbers have 95 % intervals (normal), `_low` and `_high`.
     """
     scores = [score(exact_weights(angle), pair) for pair in totals]
-    rows: list[Row] = [normal_mean("score", of_policy) for of_policy in scores]
+    rows: list[Row] = [
+        {"score_angle": angle} | normal_mean("score", of_policy) for of_policy in scores
+    ]
     if len(rows) == 1:
         return rows
     best = int(np.argmax([row["score"] for row in rows]))
