@@ -213,3 +213,57 @@ def test_a_training_is_compared_with_its_demonstrators(tmp_path, capsys):
     assert main(["train", "cql", "data", "--out", "short", "--updates", "20"]) == 0
     line = capsys.readouterr().err.splitlines()[-1]
     assert line == "no score: --updates 20 are fewer than 500"
+SMALL = ("--updates", "2", "--hidden", "4")
+
+
+@pytest.mark.slow
+def test_dials_are_trained_and_driven(tmp_path, capsys):
+    """In the environment, from its demonstrations there, and from their file alone."""
+    assert collect(tmp_path / "data", "--episodes", "4") == 0
+    own = ("--world", "a_cli_road.py:make", "--allow-code")
+    trainings = {
+        "acting": ["dial", *own, "--set", "replay_batch=4"],
+        "there": ["offline-dial", "data", *own],
+        "alone": ["offline-dial", "data"],
+    }
+    for name, words in trainings.items():
+        assert main(["train", *words, *SMALL, "--out", name]) == 0
+        policy = ("--policy", f"{name}/dial_0.safetensors", "--every", "90")
+        capsys.readouterr()
+        words = ["dial", "a_cli_road.py:make", *policy, "--episodes", "2", "--allow-code", "--json"]
+        assert main(words) == 0
+        rows = json.loads(capsys.readouterr().out)["angles"]
+        assert [row["angle"] for row in rows] == [0, 90]
+        assert all(row["r_social"] == -0.5 * row["r_env"] for row in rows)
+    sha256s = [
+        json.loads((tmp_path / name / "run.json").read_text())["dials"][0]["sha256"]
+        for name in ("there", "alone")
+    ]
+    assert sha256s[0] == sha256s[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["train", "dial", "--world", "a_cli_road.py:make", "--out", "run"], "--allow-code"),
+        (
+            ["train", "dial", "--world", "a_cli_road.py:make", "--preset", "online", "--allow-code"]
+            + ["--out", "run"],
+            "choose environment, online-clockless, offline",
+        ),
+        (
+            ["train", "dial", "--world", "a_cli_road.py:bare", "--allow-code", "--out", "run"]
+            + list(SMALL),
+            "the environment gives no reward pair",
+        ),
+        (["dial", "a_cli_road.py:make", "--policy", "driver"], "--allow-code"),
+        (
+            ["dial", "a_cli_road.py:make", "--policy", "driver", "--allow-code"],
+            "name another policy",
+        ),
+    ],
+)
+def test_dials_that_an_environment_cannot_have(words, line, tmp_path, capsys):
+    assert main(words) == 2
+    assert line in refused(capsys)
+    assert not (tmp_path / "run").exists()

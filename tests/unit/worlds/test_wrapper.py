@@ -135,6 +135,17 @@ def test_observations_are_flat_as_gymnasium_flattens_them(space):
     assert env.observation_space == inside
 
 
+def test_parts_of_a_dict_are_side_by_side_as_gymnasium_has_them():
+    inner = spaces.Dict(level=spaces.Discrete(3, start=1), car=spaces.Box(-1.0, 1.0, (2, 2)))
+    space = spaces.Dict(mine=spaces.Box(0.0, 1.0, (2,)), house=inner)
+    space.seed(0)
+    for row in (space.sample() for _ in range(20)):
+        np.testing.assert_array_equal(flat(space, row), spaces.flatten(space, row))
+        assert flat_space(space).contains(flat(space, row))
+    with pytest.raises(UserError, match="kind Box, .* not Text"):
+        flat_space(spaces.Dict(name=spaces.Text(2)))
+
+
 def test_whole_numbers_that_a_space_does_not_have_are_refused():
     for value in (5, -1, 1.5):
         with pytest.raises(ValueError, match="whole"):
@@ -148,7 +159,7 @@ def test_whole_numbers_that_a_space_does_not_have_are_refused():
     [
         ("action_space", spaces.Box(0, np.inf, (1,)), "the Box of actions has no finite bounds"),
         ("action_space", spaces.Discrete(2, start=1), "must be numbered from 0, not 1"),
-        ("observation_space", spaces.Dict(a=spaces.Discrete(2)), "kind Box, .* not Dict: wrap"),
+        ("observation_space", spaces.Text(2), "kind Box, .* not Text: wrap"),
     ],
 )
 def test_other_spaces_are_refused(name, space, line):

@@ -39,9 +39,10 @@ def acting_in(
     """Let runs act in a Gymnasium environment.
 
     Args:
-        make: Makes the environment, once for each run: with discrete actions, or for a learner of
+        make: Makes the environment, for each run: with discrete actions, or for a learner of
             continuous ones with actions in [-1, 1].
-        static: Config of all runs; `env_steps_per_update` is how much they act.
+        static: Config of all runs; `env_steps_per_update` is how much they act. A dial takes a step
+            in each of its `environments`.
         hyperparameters: Numbers of each run, among them its `seed`.
         chunk: Updates between two rounds of acting, the `chunk` of `train`.
 
@@ -51,6 +52,11 @@ def acting_in(
     Raises:
         UserError: If the environment's actions don't fit the learner.
     """
+    seeds = [run.seed for run in hyperparameters]
+    if isinstance(static, DialConfig):
+        count = static.environments
+        sources = [from_env([make() for _ in range(count)], chunk * count) for _ in seeds]
+        return Collector(sources, seeds, dials(static, hyperparameters), static.driven_share > 0)
     steps_per_update = static.env_steps_per_update
     steps = chunk * steps_per_update
     continuous = isinstance(static, ActorConfig)
@@ -59,7 +65,7 @@ def acting_in(
         behaviour = drawing(static, steps_per_update)
     else:
         behaviour = soft([run.temperature for run in hyperparameters])
-    return Collector(sources, [run.seed for run in hyperparameters], behaviour)
+    return Collector(sources, seeds, behaviour)
 
 
 def soft(temperatures: Sequence[float]) -> Behaviour:

@@ -166,15 +166,18 @@ class VectorCollector(BaseCollector):
 
 
 def from_env(
-    env: gymnasium.Env[Any, Any], steps: int, continuous: bool = False, goes_on: bool = False
+    env: gymnasium.Env[Any, Any] | Sequence[gymnasium.Env[Any, Any]],
+    steps: int,
+    continuous: bool = False,
+    goes_on: bool = False,
 ) -> Source:
-    """Return a source of one environment: of discrete actions, or of arrays in [-1, 1].
+    """Return a source of one environment, or of several: of discrete actions, or arrays in [-1, 1].
 
     `types.RewardPair.of_step` and `Ending.of_step` say how its rewards and endings are read.
 
     Args:
-        env: The environment.
-        steps: Steps of a chunk.
+        env: The environment, or equal ones in which one driver acts side by side.
+        steps: Steps of a chunk, of all environments together.
         continuous: Whether actions are arrays in [-1, 1]; else they are discrete.
         goes_on: Whether a chunk begins where the last one stopped; else it begins with a seeded
             reset. A chunk that goes on may be shorter than episodes, but a run can't be resumed
@@ -186,23 +189,28 @@ def from_env(
     Raises:
         UserError: If the actions are not discrete, or with `continuous` no float32 box in [-1, 1].
     """
-    _check_actions(env.action_space, continuous)
+    envs = [env] if isinstance(env, gymnasium.Env) else list(env)
+    _check_actions(envs[0].action_space, continuous)
     stopped_at: Any = None
 
     def source(act: Act, rng: np.random.Generator) -> Batch:
         nonlocal stopped_at
         seed = int(rng.integers(2**31))
-        observation = env.reset(seed=seed)[0] if stopped_at is None else stopped_at
+        present = stopped_at or [
+            env.reset(seed=(seed + row) % 2**31)[0] for row, env in enumerate(envs)
+        ]
         rows: list[tuple[Any, ...]] = []
-        for _ in range(steps):
-            chosen = np.asarray(act(np.ravel(observation)[None]))
-            action = chosen[0].astype(np.float32) if continuous else chosen.item()
-            after, reward, terminated, truncated, info = env.step(action)
-            kind = Ending.of_step(terminated, truncated, info)
-            pair = RewardPair.of_step(reward, info)
-            rows.append((np.ravel(observation), action, np.ravel(after), kind, *pair))
-            observation = env.reset()[0] if kind else after
-        stopped_at = observation if goes_on else None
+        for _ in range(steps // len(envs)):
+            chosen = np.asarray(act(np.stack([np.ravel(observation) for observation in present])))
+            for row, env in enumerate(envs):
+                observation = present[row]
+                action = chosen[row].astype(np.float32) if continuous else chosen[row].item()
+                after, reward, terminated, truncated, info = env.step(action)
+                kind = Ending.of_step(terminated, truncated, info)
+                pair = RewardPair.of_step(reward, info)
+                rows.append((np.ravel(observation), action, np.ravel(after), kind, *pair))
+                present[row] = env.reset()[0] if kind else after
+        stopped_at = present if goes_on else None
         return _batch(np.array(column) for column in zip(*rows, strict=True))
 
     return source

@@ -223,7 +223,7 @@ class _Guarded(gymnasium.Wrapper, RecordConstructorArgs):
     def _flat(self, observation: Any) -> np.ndarray:
         try:
             observed = wrapper.flat(self.env.observation_space, observation)
-        except (TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise UserError(
                 f"{self._name} gave an observation that is no array of numbers: correct it"
             ) from error

@@ -19,6 +19,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation import labels, road_training
 from socialiq.evaluation.exact import Ground, exact_regret
 from socialiq.learners import policy_iteration as iteration
+from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import config, offline
 from socialiq.learners.dial.config import (
@@ -59,14 +60,16 @@ class Dial(shared.Training):
     run without demonstrations has none."""
     _: KW_ONLY
     world: str
-    """crossing5, crossing7, crosswalk7, intersection, merge or roundabout."""
+    """crossing5, crossing7, crosswalk7, a road (intersection, merge, roundabout, ...), or an
+    environment: a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
     preset: str = ""
     """On a road of highway-env: intersection. In a gridworld: online-short (default), online (five
     times its rows), online-quick (seconds, less exact), online-alone (no demonstrations),
     online-classes (no demonstrations, in crosswalk7: the class angle is free too),
-    online-clockless, offline, offline-redrawn (each transition at newly drawn times)."""
+    online-clockless, offline, offline-redrawn (each transition at newly drawn times). In an
+    environment: environment (default, no demonstrations), online-clockless, offline."""
     angle: float | None = None
     """Train for this one social angle in degrees, instead of 0 to 90."""
     budget: float | None = None
@@ -74,6 +77,8 @@ class Dial(shared.Training):
     in units of reward; the strength that takes is found while training."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
+    allow_code: bool = False
+    """Import the environment's module: its author's code runs with your rights."""
     labels: shared.Labels = field(default_factory=shared.LabelOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
     options: shared.Run = field(default_factory=shared.RunOptions)
@@ -82,6 +87,17 @@ class Dial(shared.Training):
         """Train and write the folder."""
         check_seeds(self.seed)
         written = grammar.parse(self.world)
+        if self.preset == OFFLINE or is_world_file(self.world):
+            raise UserError(
+                f"`socialiq train offline-dial FILE --world {self.world}` learns from "
+                "demonstrations alone: name that learner"
+            )
+        world: Any = world_of(written, self.allow_code)
+        if world.action_size:
+            raise UserError(
+                f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
+                "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
+            )
         name, preset = self._preset(written)
         structure = preset.structure
         if self.angle is not None:
@@ -98,7 +114,6 @@ class Dial(shared.Training):
         collector = None
         chunk = shared.CHUNK
         if written.name in ROADS:
-            world: Any = with_one_ego(written)
             chunk = road_training.CHUNK
             clock = static.redraw_times > 0
             if clock:
@@ -112,8 +127,11 @@ class Dial(shared.Training):
             if static.online:
                 rounds = (static.environments, road_training.STEPS_PER_UPDATE)
                 collector = road_training.dial_collector(static, runs, world, *rounds)
+        elif not world.is_exact:
+            sizes = (world.n_features, world.n_actions)
+            if static.online:
+                collector = acting_in(lambda: world.of(*written, True).env, static, runs, chunk)
         else:
-            world = registry.make_grid(self.world)
             world = world.with_clock() if preset.clock else world
             world = world.with_parts() if static.classes else world
             times = world.horizon if static.redraw_times else 0
@@ -139,7 +157,7 @@ class Dial(shared.Training):
         """Refuse demonstrations that a preset doesn't take, and a preset without its own."""
         if static.demonstrations and self.data is None:
             collect = "socialiq collect WORLD --clock --out FILE"
-            if written.name in ROADS:
+            if written.name not in catalogue.GRIDS:
                 collect = f"socialiq collect {self.world} --driver FILE --out FILE"
             raise UserError(
                 f"preset '{name}' learns from demonstrations: name their file ({collect})"
@@ -148,32 +166,26 @@ class Dial(shared.Training):
             raise UserError(f"preset '{name}' takes no demonstrations: leave the file out")
 
     def _preset(self, written: grammar.Written) -> tuple[str, Any]:
-        """Return the name and the preset, by default that of the world; refuse other worlds."""
-        if written.control:
-            raise UserError(
-                f"{self.world} has continuous actions: `socialiq train sac --world {self.world} "
-                "--set dial=true` trains a dial of them, iq-learn one from demonstrations"
-            )
-        if self.preset == OFFLINE or is_world_file(self.world):
-            raise UserError(
-                f"`socialiq train offline-dial FILE --world {self.world}` learns from "
-                "demonstrations alone: name that learner"
-            )
-        one_of("world", written.name, catalogue.NAMES)
-        presets = {**config.PRESETS, ON_ROADS: config.INTERSECTION}
-        road = written.name in ROADS
-        name = self.preset or (ON_ROADS if road else "online-short")
-        one_of("preset", name, tuple(presets))
-        if (name == ON_ROADS) != road:
-            names = ", ".join(preset for preset in presets if (preset == ON_ROADS) == road)
-            raise UserError(f"preset '{name}' is not for {self.world}: choose {names}")
+        """Return the name and the preset, by default the first that is for the world."""
+        presets: dict[str, Any] = config.PRESETS
+        usual = "online-short"
+        if written.name in ROADS:
+            presets = {ON_ROADS: config.INTERSECTION}
+            usual = ON_ROADS
+        elif not written.is_built:
+            presets = config.IN_ENVIRONMENTS
+            usual = "environment"
+        name = self.preset or usual
+        if name not in presets:
+            choice = ", ".join(presets)
+            raise UserError(f"preset '{name}' is not for {self.world}: choose {choice}")
         return name, presets[name]
 
     def _dual_ascent(self, preset: str, static: Any, runs: list[Any]) -> Budget | None:
         """Return the search of the strength for the budget, if there is one."""
         if self.budget is None:
             return None
-        if catalogue.base(self.world) in ROADS:
+        if catalogue.base(self.world) not in catalogue.GRIDS:
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
         if static.classes:
             raise UserError("a budget is of one class angle: leave it out with --set classes=true")

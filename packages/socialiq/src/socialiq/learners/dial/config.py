@@ -326,3 +326,15 @@ INTERSECTION = DialPreset(
 PRESETS = RUNS | {"online-short": SHORT, "online-quick": QUICK, "online-classes": CLASSES}
 """The study's runs, one with a fifth of the rows of `online`, one that takes less than twice the
 time of a run of the thesis' learner, and one for two angles."""
+
+
+# The time is not observed and units of reward are the user's: the target has no entropy.
+ENVIRONMENT = DialPreset(
+    DialConfig(demonstrations=False, backup="double", heads="pair", replay_batch=256),
+    DialHyperparameters(temperature=0.03, discount=0.99),
+    clock=False,
+)
+IN_ENVIRONMENTS = {"environment": ENVIRONMENT} | {
+    name: RUNS[name] for name in ("online-clockless", "offline")
+}
+"""Presets of an environment of a user."""
