@@ -213,6 +213,8 @@ def test_a_training_is_compared_with_its_demonstrators(tmp_path, capsys):
     assert main(["train", "cql", "data", "--out", "short", "--updates", "20"]) == 0
     line = capsys.readouterr().err.splitlines()[-1]
     assert line == "no score: --updates 20 are fewer than 500"
+
+
 SMALL = ("--updates", "2", "--hidden", "4")
 
 

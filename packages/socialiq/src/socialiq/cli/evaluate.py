@@ -155,8 +155,9 @@ class Evaluate(Printing):
             return evaluate_data(self, self._policies, self.data)
         rows, targets, totals = map(list, zip(*self.measured(), strict=True))
         angles = targets if self.angle is None else [self.angle] * len(rows)
-        together = len({*angles}) == 1 and angles[0] is not None
-        scores = compared(totals, angles[0]) if together else map(_scored, totals, angles)
+        scores = [_scored(*pair) for pair in zip(totals, angles, strict=True)]
+        if len({*angles}) == 1 and angles[0] is not None:
+            scores = compared(totals, angles[0])
         rows = [score | row for score, row in zip(scores, rows, strict=True)]
         if len(rows) == 1:
             return Result(rows[0], listed(rows[0]))
@@ -165,7 +166,7 @@ class Evaluate(Printing):
         table = [{"policy": name} | row for name, row in zip(self._names, rows, strict=True)]
         short = [{key: _with_interval(key, row) for key in columns if key in row} for row in table]
         numbers = {"policies": table, "pooled": pool(rows, targets)}
-        title = "score: cos α r_env + sin α r_social at the angle" if together else ""
+        title = "score: cos α r_env + sin α r_social at the angle" if scores[0] else ""
         return Result(numbers, short, title, table=table, labels=("policy",))
 
     @property

@@ -20,8 +20,8 @@ from socialiq.audit.profile.fields import (
     TABLES,
     Range,
 )
-from socialiq.audit.verdict.bounds import faults_of_declaration
 from socialiq.audit.profile.profile import Floor
+from socialiq.audit.verdict.bounds import faults_of_declaration
 from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
@@ -37,7 +37,6 @@ from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grammar import Written, set_options
 from socialiq.worlds.road_users import ROAD_USERS
 from socialiq.worlds.spelled_out import declared as spelled_out
-
 
 EPISODES = 100
 """Episodes of each reference, for the margin."""
@@ -178,7 +177,9 @@ class New:
     def _in_environment(self, written: Written) -> tuple[float, Floor]:
         """Return margin and floor of an environment, by episodes of the references."""
         drivers = self.reference or (RANDOM,)
-        text = ",".join([written.name, *(f"{key}={value}" for key, value in written.options.items())])
+        text = ",".join(
+            [written.name, *(f"{key}={value}" for key, value in written.options.items())]
+        )
         how = {"angle": self.angle, "episodes": EPISODES, "allow_code": self.allow_code}
         measured = Evaluate(drivers, text, **how).measured()  # pyright: ignore[reportArgumentType]
         ends = any(row[name] for row, *_ in measured for name in ("arrival", "collision"))

@@ -9,10 +9,10 @@ Every transition serves each k, as neither dynamics nor rewards may depend on th
 observed. So a reward that is paid for running out of time counts as one of its state.
 
 Where observations hardly recur, one network has Q_k of both signals and all actions for every k,
-from standardised features: the steps to go are an input, drawn again for each row and update, and Q_{k-1} is that of a target
-network. Each run learns from episodes drawn with replacement, so the runs of one program are a
-bootstrap: `counts` are how often each episode is in each resample, and `chances` the policy's
-probabilities at each distinct observation.
+from standardised features: the steps to go are an input, drawn again for each row and update, and
+Q_{k-1} is that of a target network. Each run learns from episodes drawn with replacement, so the
+runs of one program are a bootstrap: `counts` are how often each episode is in each resample, and
+`chances` the policy's probabilities at each distinct observation.
 """
 
 from __future__ import annotations

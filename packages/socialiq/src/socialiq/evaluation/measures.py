@@ -203,13 +203,13 @@ def compared(totals: Sequence[RewardPair], angle: float) -> list[Row]:
     """Return the score of each policy at an angle, and by how much the best one exceeds it.
 
     Args:
-        totals: Sums of both rewards in each episode, of each policy; the episodes are the same ones.
+        totals: Sums of both rewards in each episode, the same episodes of each policy.
         angle: Social angle in degrees.
 
     Returns:
-        For each policy `score`, the mean of cos α R_env + sin α R_social at `score_angle`. Of several
-        also `below_best`, the mean of the paired differences, and `best`, whether it is the best one.
-        Numbers have 95 % intervals (normal), `_low` and `_high`.
+        For each policy `score`, the mean of cos α R_env + sin α R_social at `score_angle`; of
+        several also `below_best`, the mean of the paired differences, and `best`, whether it is
+        the best one. Numbers have 95 % intervals (normal), `_low` and `_high`.
     """
     scores = [score(exact_weights(angle), pair) for pair in totals]
     rows: list[Row] = [

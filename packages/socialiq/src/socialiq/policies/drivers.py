@@ -57,7 +57,7 @@ class RandomPolicy(Memoryless):
         self.interface = interface
         self.rng = np.random.default_rng(seed)
 
-    def choose(self, observation: object, _deterministic: bool, /) -> np.ndarray:
+    def choose(self, observation: Any, _deterministic: bool, /) -> np.ndarray:
         """Return drawn actions, one for each observation."""
         shape = np.shape(observation)[:-1]
         if not self.interface.action_size:

@@ -89,7 +89,9 @@ def _scores(command: Any, policy: Any, angle: float, data: Demonstrations) -> st
         where = f"{episodes} episodes of {world}" if episodes else f"exactly in {world}"
     else:
         logged = Logged.of(data)
-        estimates = [estimated(logged, chances_of(each, data.n_actions)) for each in (policy, clone)]
+        estimates = [
+            estimated(logged, chances_of(each, data.n_actions)) for each in (policy, clone)
+        ]
         ours, cloned = (float(score(weights, totals)) for totals in estimates)
         where = f"fitted Q evaluation of {command.data}"
     return (

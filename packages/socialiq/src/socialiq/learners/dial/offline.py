@@ -39,8 +39,8 @@ class Stage(Learner):
         rows: Recorded transitions of every run, end to end.
         bounds: First row of each run, and the end.
         units: Unit of the critics' outputs of each run.
-        scales: Mean and deviation of each feature in each run's data, if these have their own scale.
-        limits: Least and largest returns-to-go of each run's data, if these have their own scale.
+        scales: Mean and deviation of each feature in each run's data, with `own_scale`.
+        limits: Least and largest returns-to-go of each run's data, with `own_scale`.
     """
 
     rows: Rows = None  # pyright: ignore[reportAssignmentType]
@@ -251,9 +251,7 @@ def train(
     shared: dict[str, Any] = {}
     if static.own_scale:
         scales = [Standardisation.of(data.observation) for data in datasets]
-        datasets = [
-            scale.transitions(data) for scale, data in zip(scales, datasets, strict=True)
-        ]
+        datasets = [scale.transitions(data) for scale, data in zip(scales, datasets, strict=True)]
         shared["scales"] = jnp.stack([jnp.stack([s.mean, s.deviation]) for s in scales])
         returns = [np.stack(data.returns("to_go", 1.0), axis=1) for data in datasets]
         shared["limits"] = jnp.stack([jnp.stack([r.min(axis=0), r.max(axis=0)]) for r in returns])

@@ -154,7 +154,7 @@ def regularised_policy(
 
 
 def supported(log_behaviour: Float[Array, "row action"]) -> Float[Array, "row action"]:
-    """Return log β without rare actions (BCQ's rule, Fujimoto et al. 2019), of whose Q little is known.
+    """Return log β without rare actions, of whose Q little is known (BCQ, Fujimoto et al. 2019).
 
     Args:
         log_behaviour: log β(a | s).
