@@ -176,22 +176,27 @@ class Evaluate(Printing):
         short = [Path(name).name for name in names]
         return short if len({*short}) == len(short) else names
 
-    def measured(self) -> list[Measured]:
-        """Return what is measured of each policy."""
-        written = self.road.written(self.world, self._policies)
+    def measured(self, policies: Sequence[Any] = ()) -> list[Measured]:
+        """Return what is measured of each policy.
+
+        Args:
+            policies: Drivers as text, or policies; by default those of the command.
+        """
+        policies = policies or self._policies
+        written = self.road.written(self.world, policies)
         refuse_file(written.name)
         parts.check_processes(self.processes)
         if self.processes and written.name in GRIDS:
             raise UserError(f"episodes of {self.world} are not split: leave out --processes")
         if written.name in GRIDS:
             measure = self.gridworld()
-            return [measure(name) for name in self._policies]
+            return [measure(name) for name in policies]
         if self.episodes < 1:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
         is_road = written.is_built or is_world_file(written.name)
         on_road = self.on_road if is_road else self.environment
         # Each policy is shown what it observes.
-        return [on_road(self.road.written(self.world, [name]), name) for name in self._policies]
+        return [on_road(self.road.written(self.world, [name]), name) for name in policies]
 
     @property
     def _policies(self) -> list[Any]:

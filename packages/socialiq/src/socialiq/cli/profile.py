@@ -181,7 +181,7 @@ class New:
             [written.name, *(f"{key}={value}" for key, value in written.options.items())]
         )
         how = {"angle": self.angle, "episodes": EPISODES, "allow_code": self.allow_code}
-        measured = Evaluate(drivers, text, **how).measured()  # pyright: ignore[reportArgumentType]
+        measured = Evaluate(world=text, **how).measured(drivers)
         ends = any(row[name] for row, *_ in measured for name in ("arrival", "collision"))
         floor = template.floor_at(self.angle) if ends else template.NO_FLOOR
         scores = compared([totals for *_, totals in measured], self.angle)

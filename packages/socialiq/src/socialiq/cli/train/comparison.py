@@ -84,7 +84,7 @@ def _scores(command: Any, policy: Any, angle: float, data: Demonstrations) -> st
         how = {"angle": angle, "episodes": episodes, "seed": SEED}
         code = getattr(command, "allow_code", False)
         with as_function():
-            measured = Evaluate((policy, clone), world, allow_code=code, **how).measured()
+            measured = Evaluate(world=world, allow_code=code, **how).measured([policy, clone])
         ours, cloned = (row["score"] for row in compared([each.totals for each in measured], angle))
         where = f"{episodes} episodes of {world}" if episodes else f"exactly in {world}"
     else:
