@@ -22,7 +22,7 @@ from socialiq.audit.profile.fields import (
 )
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.bounds import faults_of_declaration
-from socialiq.cli.evaluate import Evaluate
+from socialiq.cli.evaluate import TIMED, Evaluate
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
 from socialiq.evaluation.measures import compared
@@ -131,7 +131,9 @@ class New:
         usual = template.usual_in(world, options)
         floor = template.floor_at(self.angle)
         written = grammar.parse(world, options)
-        if is_environment(world) and not (written.is_built or written.in_sumo):
+        if is_environment(world) and not (
+            written.is_built or written.in_sumo or written.name in TIMED
+        ):
             margin, floor = self._in_environment(written)
             usual = usual._replace(margin=margin)
         elif self.reference:
