@@ -1,5 +1,4 @@
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from socialiq.statistics.comparisons import (
     holm,
     mean_contrast,
     paired_difference,
-    permutation_p,
     share_contrast,
 )
 
@@ -112,37 +110,6 @@ def test_newcombe_as_he_printed_it():
     assert (round(found.low, 4), round(found.high, 4)) == (0.0524, 0.3339)
     nothing = share_contrast(0, 10, 0, 20)  # his case e: -0.1611 to 0.2775
     assert (round(nothing.low, 4), round(nothing.high, 4)) == (-0.1611, 0.2775)
-
-
-def test_the_permutation_test_by_hand():
-    # Of the ten divisions of 1 to 5 those with {3, 5} or {4, 5} apart are as extreme: twice 2/10.
-    assert permutation_p(np.array([1.0, 2.0, 4.0]), np.array([3.0, 5.0])) == pytest.approx(0.4)
-    # Five above five: the two ends of C(10, 5) = 252.
-    above, below = np.arange(10.0, 15.0), np.arange(5.0)
-    assert permutation_p(above, below) == pytest.approx(2 / 252)
-    assert permutation_p(below, above) == pytest.approx(2 / 252)
-    assert permutation_p(np.ones(3), np.ones(4)) == 1.0
-
-
-def test_a_large_permutation_test_draws_the_same_divisions_again():
-    rng = np.random.default_rng(5)
-    first, second = rng.normal(size=40), rng.normal(size=30) + 0.4
-    p = permutation_p(first, second)
-    assert p == permutation_p(first, second)
-    student: Any = ttest_ind(first, second)
-    assert p == pytest.approx(student.pvalue, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "line"),
-    [
-        (np.zeros(1), np.zeros(5), "at least two numbers"),
-        (np.zeros(3), np.array([0.0, np.nan]), "finite numbers"),
-    ],
-)
-def test_a_permutation_test_of_too_little_is_refused(first, second, line):
-    with pytest.raises(UserError, match=line):
-        permutation_p(first, second)
 
 
 def test_cohens_d_by_hand():

@@ -110,32 +110,6 @@ def mean_contrast(
     return Contrast(difference, difference - half, difference + half)
 
 
-def permutation_p(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"]) -> float:
-    """Return the two-sided p-value of equal distributions, by the permutation test of the means.
-
-    It assumes no distribution: all ways of dividing the numbers into two samples are alike
-    (Pitman 1937). Up to 9,999 of them it is exact and at least 2 / C(n + m, n), so that five
-    against five can't be below 0.0079; beyond, as many are drawn with a fixed seed.
-
-    Raises:
-        UserError: If there are fewer than two numbers of each, or a number isn't finite.
-    """
-    if min(len(first), len(second)) < 2:
-        raise UserError("a permutation test needs at least two numbers in each sample")
-    if not (np.isfinite(first).all() and np.isfinite(second).all()):
-        raise UserError("a permutation test needs finite numbers: leave out what has none")
-    from scipy.stats import permutation_test
-
-    result = permutation_test(
-        (first, second),
-        lambda a, b, axis: a.mean(axis) - b.mean(axis),
-        n_resamples=9999,
-        vectorized=True,
-        rng=np.random.default_rng(0),
-    )
-    return float(result.pvalue)
-
-
 def share_contrast(
     count: int, trials: int, other_count: int, other_trials: int, confidence: float = 0.95
 ) -> Contrast:
