@@ -25,7 +25,7 @@ def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
     _, careful = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     Path("careful.py").write_text(careful)
     commands = re.findall(r"^\$ socialiq (.*)$", text, re.MULTILINE)
-    assert len(commands) == 17
+    assert len(commands) == 18
     for command in commands:
         words = shlex.split(command)
         lacks_maps = words[:2] == ["data", "conflicts"] and not importlib.util.find_spec("shapely")

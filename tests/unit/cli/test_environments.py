@@ -1,10 +1,13 @@
 """`collect`, `train` and `evaluate` in a user's environment: modes, mixtures, mistakes."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from socialiq.audit.profile import reader
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.q_policy import QPolicy
@@ -166,6 +169,50 @@ def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
     other = ["--world", "CartPole-v1", "--out", "other"]
     assert main(["train", "iq-learn", "data", *tiny, *other]) == 2
     assert "they belong to another world" in refused(capsys)
+
+
+def test_evaluate_scores_policies_and_a_rule_on_the_same_episodes(capsys):
+    rules = ["python:a_cli_road.py:waits", "python:a_cli_road.py:goes", "random"]
+    command = ["evaluate", *rules, "--world", "a_cli_road.py:make", "--allow-code"]
+    assert main(["--json", *command, "--episodes", "20", "--angle", "60"]) == 0
+    waits, goes, drawn = json.loads(capsys.readouterr().out)["policies"]
+    assert (waits["policy"], goes["policy"], drawn["policy"]) == (*rules,)
+    assert goes["score"] == pytest.approx(2 * 0.5 - 1 * 0.75**0.5, abs=1e-6)
+    assert goes["best"] and not waits["best"] and waits["score"] == 0.0
+    assert waits["below_best"] == waits["below_best_low"] == goes["score"]
+    assert drawn["score_low"] < drawn["score"] < drawn["score_high"]
+    gap = goes["score"] - drawn["score"]
+    assert drawn["below_best"] == pytest.approx(gap, abs=2e-6)
+
+
+def test_a_profile_takes_its_margin_from_references_and_asks_for_no_missing_ending(capsys):
+    (Path("quiet.py")).write_text(CODE.replace('{"ending": "arrival"}', "{}"))
+    for world, arrival in (("a_cli_road.py:make", 0.8), ("quiet.py:make", 0.0)):
+        new = ["profile", "new", "--world", world, "--angle", "0", "--allow-code", "--replace"]
+        assert main(new) == 2
+        assert f"no margin is known in {world}: add --margin" in refused(capsys)
+        names = ("--reference", "python:a_cli_road.py:goes")
+        assert main([*new, *names, "--reference", "python:a_cli_road.py:waits"]) == 0
+        declared = reader.load(Path("profile.toml"))
+        assert declared.margin.regret == 1.0 and declared.competence.min_arrival == arrival
+        assert ("vehicle" in declared.source.decode()) == (arrival > 0)
+        capsys.readouterr()
+
+
+def test_a_training_is_compared_with_its_demonstrators(tmp_path, capsys):
+    assert collect(tmp_path / "data", "--episodes", "8") == 0
+    capsys.readouterr()
+    quick = ["data", "--out", "run", "--hidden", "8", "--set", "critic_factor=1"]
+    assert main(["train", "offline-dial", *quick, "--updates", "500"]) == 0
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert re.fullmatch(
+        r"score at 45 degrees \(fitted Q evaluation of data\): trained [-.\de]+, "
+        r"best demonstrator \(goes\) 0\.707\d?, weighted cloning [-.\de]+",
+        line,
+    )
+    assert main(["train", "cql", "data", "--out", "short", "--updates", "20"]) == 0
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line == "no score: --updates 20 are fewer than 500"
 
 
 SMALL = ("--updates", "2", "--hidden", "4")

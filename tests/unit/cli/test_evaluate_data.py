@@ -1,6 +1,8 @@
 import json
+from pathlib import Path
 
 import jax
+import numpy as np
 import pytest
 
 from socialiq.cli.main import main
@@ -53,3 +55,18 @@ def test_what_the_data_cannot_support_is_one_line(capsys, data, policy):
 def test_options_of_rollouts_are_refused(capsys, data, policy, more, line):
     assert main(["evaluate", str(policy), "--data", str(data), *more]) == 2
     assert line in capsys.readouterr().err
+
+
+def test_policies_are_compared_at_one_angle(capsys, data, tmp_path):
+    files = [str(tmp_path / f"always{action}.safetensors") for action in (0, 2)]
+    for file, bias in zip(files, np.eye(3, dtype=np.float32)[[0, 2]], strict=True):
+        QPolicy((np.zeros((3, 6), np.float32),), (bias,), "relu", 1.0).save(Path(file))
+    capsys.readouterr()
+    assert main(["evaluate", *files, "--data", str(data), "--angle", "0", "--json"]) == 0
+    policies = json.loads(capsys.readouterr().out)["policies"]
+    (stays,), (goes,) = (policy["angles"] for policy in policies)
+    assert stays["angle"] == goes["angle"] == 0.0
+    assert goes["best"] and not stays["best"] and goes["below_best"] == 0.0
+    gap = goes["fitted_q"] - stays["fitted_q"]
+    assert stays["below_best"] == pytest.approx(gap, abs=2e-6)
+    assert stays["below_best_low"] <= gap <= stays["below_best_high"]

@@ -49,6 +49,7 @@ def test_the_largest_loss_is_filled_in(tmp_path, capsys, more, declared):
 def test_an_environment_declares_none_by_itself(tmp_path, capsys):
     path = tmp_path / "profile.toml"
     words = ["profile", "new", "--angle", "0", "--world", "CartPole-v1", "--replace"]
+    words += ["--margin", "1"]
     for more, declared in (([], None), (["--largest-loss", "500"], 500.0)):
         assert main([*words, *more, "--out", str(path)]) == 0
         assert load(path).margin.largest_loss == declared

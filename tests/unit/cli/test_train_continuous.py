@@ -87,6 +87,10 @@ def test_mistakes_are_refused(words, says, data, tmp_path, capsys):
     [
         (["train", "sac", "--out", "run"], "online training needs a world"),
         (
+            ["train", "sac", "--world", "Pendulum-v1", "--angle", "0", "90", "--out", "run"],
+            "without a pair only angle 0 has a meaning",
+        ),
+        (
             ["train", "dial", "DATA", "--world", "crossing7", "--out", "run"],
             "has continuous actions",
         ),

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -136,8 +138,11 @@ def test_what_has_no_answer_is_refused():
 
 
 @pytest.mark.slow
-def test_a_network_finds_what_the_table_has():
-    logged = Logged.of(waiting([4, 4, 2]))
+@pytest.mark.parametrize("unit", [0.0, 1e4])
+def test_a_network_finds_what_the_table_has(unit):
+    data = waiting([4, 4, 2])
+    noise = unit * np.random.default_rng(0).normal(size=(10, 1)).astype(np.float32)
+    logged = Logged.of(replace(data, observation=noise, next_observation=noise))
     static = StaticConfig(hidden=(16,), updates=1500, batch_size=32)
     counts = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 0.0]])
     numbers = Hyperparameters(learning_rate=1e-2, polyak=0.1)

@@ -107,7 +107,7 @@ def test_the_sentence_names_what_changed_and_where(outcomes, evidence):
     moved = Shift("fog", {}, "00" * 32, 100, Decision.FAIL, "good", changes(here, there, 0.0, 0.95))
     still = Shift("rain", {}, "00" * 32, 100, Decision.PASS, "good", changes(here, here, 0.0, 0.95))
     assert sentence_of((moved, still)) == (
-        "In other traffic it drives differently. With fog: it drives into another vehicle more "
+        "In other traffic it drives differently. With fog: it drives into another more "
         "often, by 25 points, it arrives less often, by 25 points. No significant change: rain."
     )
 

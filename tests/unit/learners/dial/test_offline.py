@@ -8,7 +8,11 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.config import (
+    OWN_DATA,
+    OfflineDialConfig,
+    OfflineDialHyperparameters,
+)
 from socialiq.learners.dial.offline import STAGES, recorded, train
 from socialiq.learners.dial.rows import draw_directions
 from socialiq.nn.dial_policy import DialPolicy
@@ -61,6 +65,32 @@ def test_the_best_supported_action_is_chosen_at_every_angle(trained):
     assert chosen[45.0] == [1, 1]
     assert chosen[0.0][1] == 1 and chosen[90.0][0] == 1
     assert dial.at(45.0).probabilities(STATES)[:, 2].max() < 0.01
+
+
+def test_data_of_any_units_are_learned_alike():
+    """Features and rewards in other units give the same policy, and a bounded value."""
+    data = two_steps()
+    other = dataclasses.replace(
+        data,
+        observation=1e3 * data.observation + 5e3,
+        next_observation=1e3 * data.next_observation + 5e3,
+        rewards=RewardPair(*(1e-2 * reward for reward in data.rewards)),
+    )
+    static = OfflineDialConfig(**_static(OWN_DATA), hidden=(32,), batch_size=64)
+    numbers = OfflineDialHyperparameters(**_numbers(OWN_DATA), learning_rate=1e-2)
+    for table, states in ((data, STATES), (other, 1e3 * STATES + 5e3)):
+        dial = train(static, [numbers], [table], chunk=1000)["dial"].policy(0)
+        chosen = {angle: dial.at(angle).predict(states)[0].tolist() for angle in (0.0, 45.0, 90.0)}
+        assert chosen[45.0] == [1, 1]
+        assert chosen[0.0][1] == 1 and chosen[90.0][0] == 1
+
+
+def _numbers(settings):
+    return {name: value for name, value in settings.items() if "temperature" in name}
+
+
+def _static(settings):
+    return {name: value for name, value in settings.items() if "temperature" not in name}
 
 
 def test_what_earns_nothing_is_imitated(trained):

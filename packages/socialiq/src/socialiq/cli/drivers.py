@@ -184,6 +184,8 @@ def driver_in(
     driver = drivers.parse(text)
     if isinstance(world, World) and (world.is_exact or drivers.is_word(driver.spec)):
         return driver_of(text, world, angle, allow_code, seed)
+    if driver.spec == drivers.RANDOM:
+        return drivers.at_random(Interface(*sizes(env), action_size(env)), seed)
     if driver.front_end and not isinstance(world, World):
         raise UserError(
             f"the sensors of {written.name} are not known: leave +{driver.front_end} out"

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -23,17 +23,18 @@ from socialiq.evaluation.episodes import (
     episodes_of,
     policy_row,
 )
-from socialiq.evaluation.measures import DECISION, Episodes, Quantity, joined
+from socialiq.evaluation.measures import DECISION, Episodes, Quantity, compared, joined
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
 from socialiq.learners.settings import check_seed
 from socialiq.policies.card import trained_angle
-from socialiq.policies.drivers import parse, shipped_at, world_for
+from socialiq.policies.drivers import RANDOM, parse, shipped_at, world_for
 from socialiq.policies.interface import Record
 from socialiq.policies.load import name_of
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.social.angle_rule import load_rule
+from socialiq.types import RewardPair, Row
 from socialiq.worlds import IDS, OLD_IDS, SCENE_IDS, SUMO_IDS, UNSEEN, environment, registry
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION
 from socialiq.worlds.files import is_world_file, refuse_file
@@ -43,24 +44,39 @@ TIMED = (*SCENE_IDS, *(SCENE_IDS | SUMO_IDS | OLD_IDS).values(), IDS["intersecti
 """Roads of highway-env and worlds in SUMO, which show the time where a policy takes it."""
 
 
+class Measured(NamedTuple):
+    """What is measured of a policy.
+
+    Attributes:
+        row: Numbers by name.
+        target: Angle in degrees that it was trained for; None if it is not known.
+        totals: Sums of both rewards in each episode; where it is exact, the mean twice.
+    """
+
+    row: dict[str, Any]
+    target: float | None
+    totals: RewardPair
+
+
 @dataclass(frozen=True)
 class Evaluate(Printing):
     """Measure saved policies: exactly in a gridworld, or by rollouts anywhere.
 
-    Several policies, for instance one for each training seed, are also pooled: the angle is that of
-    the mean totals, if all were trained for one angle.
+    The score at --angle, cos α r_env + sin α r_social, has a 95 % interval. Several policies drive
+    the same episodes: the best one is marked, and `below_best` is the mean paired difference to it.
+    They are also pooled: the angle is that of the mean totals, if all were trained for one angle.
 
     A policy may also be a Stable-Baselines3 zip, an ONNX file, process:COMMAND LINE or
     python:FILE.py:NAME, as for `socialiq audit`; a dial is evaluated at --angle. A world may be
     an environment of your own too: a Gymnasium id, MODULE:ID or MODULE:FUNCTION.
 
-    With --data there is no world: J(α) at 0, 15, ..., 90 degrees is estimated from episodes that
-    others drove, with 95 % intervals, by fitted Q evaluation and by weighted importance sampling,
-    and a line says what the data can't support.
+    With --data there is no world: the score at --angle, by default at 0, 15, ..., 90 degrees, is
+    estimated from episodes that others drove, with 95 % intervals, by fitted Q evaluation and by
+    weighted importance sampling, and a line says what the data can't support.
 
-    On roads and in SUMO the driver that ships (driver@45), a rule-based driver (go, wait, idm,
-    gap_3s, ...) or a policy of the atlas (expert_egoistic, baseline, prosocial, ...) may be named
-    too. Each policy is shown what it observes.
+    `random` is a policy of every world. On roads and in SUMO the driver that ships (driver@45), a
+    rule-based driver (go, wait, idm, gap_3s, ...) or a policy of the atlas (expert_egoistic,
+    baseline, prosocial, ...) may be named too. Each policy is shown what it observes.
 
     Example: socialiq evaluate run/policy_angle45.safetensors --world crossing7 --angle 45
     """
@@ -76,8 +92,8 @@ class Evaluate(Printing):
     data: Path | None = None
     """Demonstrations file with both rewards, in the place of a world."""
     angle: float | None = None
-    """Angle in degrees of a dial, and of the regret in a gridworld; by default the angle that each
-    policy was trained for, and 0 where that is not known."""
+    """Angle in degrees of the score, of a dial, and of the regret in a gridworld; by default the
+    angle that each policy was trained for, and 0 where that is not known."""
     angle_rule: Path | None = None
     """TOML file of a rule of the angle: the decision loss at it is measured, in a gridworld."""
     soft: bool = False
@@ -137,33 +153,50 @@ class Evaluate(Printing):
                 raise UserError(f"--data rolls nothing out: leave out {', '.join(options)}")
             check_seed(self.seed)
             return evaluate_data(self, self._policies, self.data)
-        rows, targets = map(list, zip(*self.measured(), strict=True))
+        rows, targets, totals = map(list, zip(*self.measured(), strict=True))
+        angles = targets if self.angle is None else [self.angle] * len(rows)
+        scores = [_scored(*pair) for pair in zip(totals, angles, strict=True)]
+        if len({*angles}) == 1 and angles[0] is not None:
+            scores = compared(totals, angles[0])
+        rows = [score | row for score, row in zip(scores, rows, strict=True)]
         if len(rows) == 1:
             return Result(rows[0], listed(rows[0]))
-        columns = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
-        columns = (*columns, "length", "target_angle", "regret")
-        names = [Path(name_of(policy)).name for policy in self._policies]
-        table = [{"policy": name} | row for name, row in zip(names, rows, strict=True)]
-        short = [{key: row[key] for key in columns if key in row} for row in table]
-        numbers = {"policies": rows, "pooled": pool(rows, targets)}
-        return Result(numbers, short, table=table, labels=("policy",))
+        columns = ("policy", "score", "below_best", "r_env", "r_social", "angle", "arrival")
+        columns = (*columns, "collision", "off_road", "length", "target_angle", "regret")
+        table = [{"policy": name} | row for name, row in zip(self._names, rows, strict=True)]
+        short = [{key: _with_interval(key, row) for key in columns if key in row} for row in table]
+        numbers = {"policies": table, "pooled": pool(rows, targets)}
+        title = "score: cos α r_env + sin α r_social at the angle" if scores[0] else ""
+        return Result(numbers, short, title, table=table, labels=("policy",))
 
-    def measured(self) -> list[tuple[dict[str, Any], float | None]]:
-        """Return a row for each policy, and the angle that it was trained for, if known."""
-        written = self.road.written(self.world, self._policies)
+    @property
+    def _names(self) -> list[str]:
+        """Names of the policies in a table: of files the last part, where that tells them apart."""
+        names = [name_of(policy) for policy in self._policies]
+        short = [Path(name).name for name in names]
+        return short if len({*short}) == len(short) else names
+
+    def measured(self, policies: Sequence[Any] = ()) -> list[Measured]:
+        """Return what is measured of each policy.
+
+        Args:
+            policies: Drivers as text, or policies; by default those of the command.
+        """
+        policies = policies or self._policies
+        written = self.road.written(self.world, policies)
         refuse_file(written.name)
         parts.check_processes(self.processes)
         if self.processes and written.name in GRIDS:
             raise UserError(f"episodes of {self.world} are not split: leave out --processes")
         if written.name in GRIDS:
             measure = self.gridworld()
-            return [measure(name) for name in self._policies]
+            return [measure(name) for name in policies]
         if self.episodes < 1:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
         is_road = written.is_built or is_world_file(written.name)
         on_road = self.on_road if is_road else self.environment
         # Each policy is shown what it observes.
-        return [on_road(self.road.written(self.world, [name]), name) for name in self._policies]
+        return [on_road(self.road.written(self.world, [name]), name) for name in policies]
 
     @property
     def _policies(self) -> list[Any]:
@@ -182,7 +215,7 @@ class Evaluate(Printing):
     def _seeds(self) -> range:
         return range(self.seed, self.seed + self.episodes)
 
-    def on_road(self, written: Written, name: Any) -> tuple[dict[str, Any], float | None]:
+    def on_road(self, written: Written, name: Any) -> Measured:
         """Return the metrics of thesis 5.4 with intervals, and the angle.
 
         At the intersection there are the conflict rates too.
@@ -201,7 +234,7 @@ class Evaluate(Printing):
                 policy = shielded(driver, batch, shield)
                 measured = _quantities(written)
                 episodes = episodes_of(batch, policy, seeds, not self.soft, measured)
-            elif name == "random" or (self.soft and not loaded.record.soft):
+            elif name == RANDOM or (self.soft and not loaded.record.soft):
                 raise parts.draws_in_order(name)
             else:  # as many side by side as in one
                 blocks = parts.blocks_of(self._seeds, self.processes)
@@ -217,16 +250,16 @@ class Evaluate(Printing):
         method: dict[str, Any] = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         method |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
         row = method | {key: value for key, value in row.items() if key != "policy"}
-        return row, target_of(loaded.record)
+        return Measured(row, target_of(loaded.record), episodes.totals)
 
-    def gridworld(self) -> Callable[[Any], tuple[dict[str, Any], float | None]]:
+    def gridworld(self) -> Callable[[Any], Measured]:
         """Return exact or sampled metrics of a policy, with regret against the exact optimum."""
         plain = registry.make_grid(self.world)
         optimum = exact.optimum_of(plain)
-        readout = "soft" if self.soft else "greedy"
         rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 
-        def measure(name: Any) -> tuple[dict[str, Any], float | None]:
+        def measure(name: Any) -> Measured:
+            readout = "soft" if self.soft or name == RANDOM else "greedy"
             with drivers.driver_of(name, plain, self.angle, self.allow_code) as loaded:
                 table = drivers.gridworld_of(self.world, loaded.record.interface)
                 states = table.reachable_part()
@@ -243,20 +276,23 @@ class Evaluate(Printing):
                 rollout = rollout_table(table, chances, self.episodes, self.seed)
                 metrics = rollout.metrics()
                 row = self.sampled(rollout)
+                totals = rollout.transitions.totals()
             else:
                 metrics = exact.evaluate_exactly(states, chances)
                 row = {"method": "exact", **metrics._asdict()}
+                totals = RewardPair(np.full(2, metrics.r_env), np.full(2, metrics.r_social))
                 if rule is not None:
                     lost = context.evaluate_by_rule(states, chances, rule).loss
                     row["decision_loss"] = float(lost.sum())
                     for name, loss in zip(rule.contexts, lost.tolist(), strict=True):
                         row[f"decision_loss where {name}"] = loss
             regret = optimum.regret(metrics, angle)
-            return {**row, "readout": readout, "target_angle": angle, "regret": regret}, target
+            row |= {"readout": readout, "target_angle": angle, "regret": regret}
+            return Measured(row, target, totals)
 
         return measure
 
-    def environment(self, written: Written, policy: Any) -> tuple[dict[str, Any], float | None]:
+    def environment(self, written: Written, policy: Any) -> Measured:
         """Return metrics of a policy in an environment, played in parts if there are processes.
 
         In parts environment and policy must keep no memory from one episode to the next, as
@@ -268,7 +304,7 @@ class Evaluate(Printing):
         settings = (*settings, self.soft, self.road)
         if not self.processes:
             played = [_play_in_environment(*settings, np.array(self._seeds))]
-        elif self.soft or policy == "random":
+        elif self.soft or policy == RANDOM:
             raise parts.draws_in_order(policy)
         else:
             blocks = parts.blocks_of(self._seeds, self.processes)
@@ -286,7 +322,8 @@ class Evaluate(Printing):
             counted.update(rollout.counted)
         row = self.sampled(Rollout(table, speed, counted))
         _, record, share = played[0]
-        return row | ({} if share is None else {"fallback": share}), target_of(record)
+        row |= {} if share is None else {"fallback": share}
+        return Measured(row, target_of(record), table.totals())
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Return the metrics of a rollout, without quantities that are not reported."""
@@ -299,6 +336,20 @@ class Evaluate(Printing):
             "angle_low": estimate.low,
             "angle_high": estimate.high,
         } | {name: count / self.episodes for name, count in counted}
+
+
+def _scored(totals: RewardPair, angle: float | None) -> Row:
+    """Return the score of one policy at its own angle; an empty row where that is not known."""
+    return {} if angle is None else compared([totals], angle)[0]
+
+
+def _with_interval(name: str, row: Mapping[str, Any]) -> Any:
+    """Return a cell of the printed table: a score with its interval, a policy that is the best."""
+    if name == "policy" and row.get("best"):
+        return f"{row[name]} (best)"
+    if name not in ("score", "below_best") or row[name] == row[f"{name}_low"]:
+        return row[name]
+    return f"{row[name]:.3f} ({row[f'{name}_low']:.3f} to {row[f'{name}_high']:.3f})"
 
 
 def _play_road(

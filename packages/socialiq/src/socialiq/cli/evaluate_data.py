@@ -18,15 +18,16 @@ from socialiq.policies.load import load_policy, name_of
 from socialiq.types import Policy, Row
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-"""Angles in degrees at which a policy is evaluated; a dial is turned to each in its range."""
+"""Angles in degrees at which a policy is evaluated without --angle; a dial is turned to each in its
+range."""
 
 
 def evaluate_data(command: Any, policies: Sequence[Any], data: Path | Demonstrations) -> Result:
     """Evaluate policies on demonstrations.
 
     Args:
-        command: Object with `soft` (whether policies draw from softmax(Q/τ)), `seed` (of the
-            bootstrap) and `allow_code`.
+        command: Object with `angle` in degrees (None for `ANGLES`), `soft` (whether policies draw
+            from softmax(Q/τ)), `seed` (of the bootstrap) and `allow_code`.
         policies: Policies as for `load_policy`, or dials.
         data: Demonstrations, or their file.
 
@@ -39,7 +40,10 @@ def evaluate_data(command: Any, policies: Sequence[Any], data: Path | Demonstrat
     """
     logged = Logged.of(files.load(data) if isinstance(data, Path) else data)
     evaluator = Evaluator(logged, resamples=200, seed=command.seed)
-    estimates = {name_of(spec): _rows(evaluator, spec, command) for spec in policies}
+    fitted: dict[tuple[str, float], Estimate] = {}
+    estimates = {name_of(spec): _rows(evaluator, spec, command, fitted) for spec in policies}
+    if len(estimates) > 1:
+        _compare(estimates, fitted)
     name = str(data) if isinstance(data, Path) else files.sha256_of(data)
     described = {"data": name, "episodes": logged.data.n_episodes, "seed": command.seed}
     results = [{"policy": name, "angles": rows} for name, rows in estimates.items()]
@@ -64,19 +68,42 @@ def print_estimates(result: Mapping[str, Any]) -> None:
                 say(f"{spec}{where}: {line}")
 
 
-def _rows(evaluator: Evaluator, spec: Any, command: Any) -> list[Row]:
-    """Return both estimates at each angle; a policy of one angle is evaluated once."""
+def _compare(
+    estimates: Mapping[str, list[Row]], fitted: Mapping[tuple[str, float], Estimate]
+) -> None:
+    """Add to the rows of each angle by how much the best policy exceeds theirs, and which it is."""
+    for angle in {angle for _, angle in fitted}:
+        of_angle = {name: fitted[name, angle] for name in estimates if (name, angle) in fitted}
+        best = max(of_angle, key=lambda name: of_angle[name].value(angle)[0])
+        for name, estimate in of_angle.items():
+            row = next(row for row in estimates[name] if row["angle"] == angle)
+            row |= _cells("below_best", of_angle[best].less(estimate), angle, filled=True)
+            row |= {"best": name == best, "warning": row.pop("warning")}
+
+
+def _rows(
+    evaluator: Evaluator, spec: Any, command: Any, fitted: dict[tuple[str, float], Estimate]
+) -> list[Row]:
+    """Return both estimates at each angle; a policy of one angle is evaluated once.
+
+    Args:
+        evaluator: Evaluator of the data.
+        spec: The policy.
+        command: As for `evaluate_data`.
+        fitted: Gets the estimates by fitted Q evaluation, by policy and angle.
+    """
     data = evaluator.logged.data
     code = command.allow_code
     dial = dial_of(spec)
-    angles = ANGLES
+    angles = ANGLES if command.angle is None else (command.angle,)
     if dial is not None:
         complain_if_it_stands(spec, dial, data.observation)
-        angles = tuple(angle for angle in ANGLES if dial.low <= angle <= dial.high)
-        if not angles:
+        within = tuple(angle for angle in angles if dial.low <= angle <= dial.high)
+        if not within:
             raise UserError(
-                f"{name_of(spec)} has none of {ANGLES}: `socialiq turn` it to one angle first"
+                f"{name_of(spec)} has none of {angles}: `socialiq turn` it to one angle first"
             )
+        angles = within
     rows = []
     estimate = None
     for angle in angles:
@@ -85,8 +112,9 @@ def _rows(evaluator: Evaluator, spec: Any, command: Any) -> list[Row]:
             schema = data.schema
             loaded = load_policy(spec, *sizes, angle=angle, allow_code=code, schema=schema)
             with loaded:
-                chances = _chances_of(loaded.policy, data.n_actions, command.soft)
+                chances = chances_of(loaded.policy, data.n_actions, command.soft)
                 estimate = evaluator.evaluate(chances)
+        fitted[name_of(spec), angle] = estimate.fitted
         row: Row = {"angle": angle}
         row |= _cells("fitted_q", estimate.fitted, angle, filled=True)
         row |= _cells("importance", estimate.whole, angle, filled=estimate.weighted_supported)
@@ -95,7 +123,7 @@ def _rows(evaluator: Evaluator, spec: Any, command: Any) -> list[Row]:
     return rows
 
 
-def _chances_of(policy: Policy, n_actions: int, soft: bool) -> Chances:
+def chances_of(policy: Policy, n_actions: int, soft: bool = False) -> Chances:
     """Return a policy's action probabilities; anything but a network of ours is deterministic."""
     if isinstance(policy, ValuePolicy):
         if soft:

@@ -20,17 +20,26 @@ from socialiq.audit.profile.fields import (
     TABLES,
     Range,
 )
+from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.bounds import faults_of_declaration
+from socialiq.cli.evaluate import TIMED, Evaluate
 from socialiq.cli.output import Printing, listed, print_table
 from socialiq.errors import UserError
+from socialiq.evaluation.measures import compared
 from socialiq.outputs import check_ending
+from socialiq.policies.drivers import RANDOM
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
 from socialiq.types import Json, Row
+from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, KNOWN, base, in_sumo
-from socialiq.worlds.grammar import set_options
+from socialiq.worlds.environment import is_environment
+from socialiq.worlds.grammar import Written, set_options
 from socialiq.worlds.road_users import ROAD_USERS
 from socialiq.worlds.spelled_out import declared as spelled_out
+
+EPISODES = 100
+"""Episodes of each reference, for the margin."""
 
 
 def _flags() -> Iterator[tuple[str, Any, None]]:
@@ -75,7 +84,10 @@ class New:
     """Name of the owner."""
     margin: float | None = None
     """Largest regret that counts as declared, in reward per episode; by default 0.5 at the
-    intersection and in crossing7, 0.15 in crossing5, else 1."""
+    intersection and in crossing7, 0.15 in crossing5, half the gap between the best and the worst
+    --reference in an environment of your own, else 1."""
+    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Driver of an environment of your own, as --reference of an audit, for the margin."""
     width: float | None = None
     """Largest distance of the direction of the driving from the declared angle, in degrees; by
     default 15 where this package has reference drivers of all angles (30 or 45 where it can't show
@@ -117,6 +129,15 @@ class New:
                 raise UserError(f"'{self.date}' is not a date: write it as 2026-01-31") from error
         world, options = spelled_out(self.world, set_options(self.set))
         usual = template.usual_in(world, options)
+        floor = template.floor_at(self.angle)
+        written = grammar.parse(world, options)
+        if is_environment(world) and not (
+            written.is_built or written.in_sumo or written.name in TIMED
+        ):
+            margin, floor = self._in_environment(written)
+            usual = usual._replace(margin=margin)
+        elif self.reference:
+            raise UserError(f"{world} has its own references: leave --reference out")
         loss = self.largest_loss
         margin = usual.margin if self.margin is None else self.margin
         if (self.clip_env is None) != (self.clip_social is None):
@@ -145,7 +166,7 @@ class New:
             date,
             options,
             confidence=self.confidence,
-            competence=template.floor_at(self.angle),
+            competence=floor,
             allow_code=self.allow_code,
             rule=rule,
             clip=clip,
@@ -154,6 +175,25 @@ class New:
         write_atomically(self.out, declared.source, self.replace)
         print_table(_table(_facts(declared)), str(self.out))
         return 0
+
+    def _in_environment(self, written: Written) -> tuple[float, Floor]:
+        """Return margin and floor of an environment, by episodes of the references."""
+        drivers = self.reference or (RANDOM,)
+        text = ",".join(
+            [written.name, *(f"{key}={value}" for key, value in written.options.items())]
+        )
+        how = {"angle": self.angle, "episodes": EPISODES, "allow_code": self.allow_code}
+        measured = Evaluate(world=text, **how).measured(drivers)
+        ends = any(row[name] for row, *_ in measured for name in ("arrival", "collision"))
+        floor = template.floor_at(self.angle) if ends else template.NO_FLOOR
+        scores = compared([totals for *_, totals in measured], self.angle)
+        gap = max(row.get("below_best", 0.0) for row in scores)
+        if self.margin is None and gap <= 0.0:
+            raise UserError(
+                f"no margin is known in {written.name}: add --margin in units of its reward, or "
+                "two or more --reference that differ at the angle"
+            )
+        return self.margin or float(f"{gap / 2:.3g}"), floor
 
     def _bounds(self, world: str, options: Json) -> list[profile.Bound]:
         """Return the bounds of what the policy causes in a world with these options."""

@@ -8,11 +8,11 @@ and J = E[ Σ_a π(a|s_0) Q_H(s_0, a) ]: H regressions are the sum over H steps,
 Every transition serves each k, as neither dynamics nor rewards may depend on the time unless it is
 observed. So a reward that is paid for running out of time counts as one of its state.
 
-Where observations hardly recur, one network has Q_k of both signals and all actions for every k:
-the steps to go are an input, drawn again for each row and update, and Q_{k-1} is that of a target
-network. Each run learns from episodes drawn with replacement, so the runs of one program are a
-bootstrap: `counts` are how often each episode is in each resample, and `chances` the policy's
-probabilities at each distinct observation.
+Where observations hardly recur, one network has Q_k of both signals and all actions for every k,
+from standardised features: the steps to go are an input, drawn again for each row and update, and
+Q_{k-1} is that of a target network. Each run learns from episodes drawn with replacement, so the
+runs of one program are a bootstrap: `counts` are how often each episode is in each resample, and
+`chances` the policy's probabilities at each distinct observation.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from scipy.sparse import csr_array
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners import settings
+from socialiq.learners.continuous.standardise import Standardisation
 from socialiq.learners.expert_table import draw_between
 from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState, cosine
@@ -318,7 +319,8 @@ def by_network(
         hyperparameters: Numbers of the first network; each further one has the next seed. None for
             the default.
     """
-    data = logged.data
+    scale = Standardisation.of(logged.data.observation)
+    data = scale.transitions(logged.data)
     numbers = hyperparameters or Hyperparameters()
     spread = np.maximum(np.std(np.stack(data.totals(), axis=1), axis=0), 1e-6)
     columns = (

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Int64
 
 from socialiq.evaluation.exact import Metrics
 from socialiq.evaluation.simulate import Step
+from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.intervals import normal_mean, wilson
 from socialiq.types import Ending, RewardPair, Row
 from socialiq.worlds.highway.options import Contact
@@ -196,6 +197,31 @@ def summary(episodes: Episodes, names: Iterable[str]) -> Row:
         column = episodes[name]
         row |= share(name, column) if column.dtype == bool else normal_mean(name, column)
     return row
+
+
+def compared(totals: Sequence[RewardPair], angle: float) -> list[Row]:
+    """Return the score of each policy at an angle, and by how much the best one exceeds it.
+
+    Args:
+        totals: Sums of both rewards in each episode, the same episodes of each policy.
+        angle: Social angle in degrees.
+
+    Returns:
+        For each policy `score`, the mean of cos α R_env + sin α R_social at `score_angle`; of
+        several also `below_best`, the mean of the paired differences, and `best`, whether it is
+        the best one. Numbers have 95 % intervals (normal), `_low` and `_high`.
+    """
+    scores = [score(exact_weights(angle), pair) for pair in totals]
+    rows: list[Row] = [
+        {"score_angle": angle} | normal_mean("score", of_policy) for of_policy in scores
+    ]
+    if len(rows) == 1:
+        return rows
+    best = int(np.argmax([row["score"] for row in rows]))
+    return [
+        row | normal_mean("below_best", scores[best] - of_policy) | {"best": policy == best}
+        for policy, (row, of_policy) in enumerate(zip(rows, scores, strict=True))
+    ]
 
 
 def by_episode(

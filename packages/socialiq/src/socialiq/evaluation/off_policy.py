@@ -32,6 +32,7 @@ from socialiq.evaluation.fitted_q import Logged as Logged
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.bootstrap import resample_rows
+from socialiq.types import RewardPair
 
 LEAST_EPISODES = 30.0
 """Effective episodes below which importance sampling is not reported: its weights are then those of
@@ -43,6 +44,8 @@ LEAST_CHANCE = 0.01
 """Probability below which an action of clones counts as not shown, if observations don't recur."""
 NETWORKS = 8
 """Resamples that get a network each, where observations don't recur."""
+QUICK_UPDATES = 2000
+"""Gradient steps of the network of an estimate without an interval."""
 
 
 def by_counts(episodes: Logged) -> Float[np.ndarray, "mode state action"]:
@@ -166,6 +169,13 @@ class Estimate(NamedTuple):
         unknown = 0.0 if self.guessed is None else float(np.ptp(self.guessed @ weights))
         return value, float(low) - unknown, float(high) + unknown
 
+    def less(self, lower: Estimate) -> Estimate:
+        """Return the difference to another estimate, paired by resample."""
+        guessed = None
+        if self.guessed is not None and lower.guessed is not None:
+            guessed = self.guessed + lower.guessed
+        return Estimate(self.totals - lower.totals, self.resampled - lower.resampled, guessed)
+
 
 class OffPolicy(NamedTuple):
     """Off-policy evaluation of one policy.
@@ -214,6 +224,21 @@ class OffPolicy(NamedTuple):
         if not self.weighted_supported:
             return f"importance sampling not reported: {overlap}; fitted Q evaluation stands alone"
         return ""
+
+
+def estimated(episodes: Logged, policy: Chances) -> RewardPair:
+    """Return the sums of both rewards of an episode by fitted Q evaluation, without an interval.
+
+    Args:
+        episodes: The episodes.
+        policy: The policy's probabilities for a batch of observations.
+    """
+    chances = episodes.chances(policy)
+    once = np.ones((1, episodes.data.n_episodes))
+    if episodes.tabular:
+        return RewardPair(*fitted_q.tabular(episodes, chances, once)[0][0])
+    quick = fitted_q.StaticConfig(updates=QUICK_UPDATES)
+    return RewardPair(*fitted_q.by_network(episodes, chances, once, quick)[0])
 
 
 class Evaluator:

@@ -289,7 +289,7 @@ def bill_of_materials(
     Returns:
         A JSON object as indented text with a newline at its end. Equal arguments give equal bytes.
     """
-    parameters: dict[str, Any] = {"task": "choose the action of a vehicle for an observation"}
+    parameters: dict[str, Any] = {"task": "choose the action for an observation"}
     parameters |= {"modelArchitecture": architecture} if architecture else {}
     if data:
         dataset = {"type": "dataset", "name": "training data"}

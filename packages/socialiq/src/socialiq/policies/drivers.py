@@ -14,6 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.policies.front_end import FrontEndPolicy
@@ -23,7 +25,7 @@ from socialiq.provenance import package_sha256
 from socialiq.reading import sha256_of
 from socialiq.social.angle import check_angle, check_class_angle
 from socialiq.storage import header_of, is_file, shipped
-from socialiq.types import OBSERVATION, ROWS
+from socialiq.types import OBSERVATION, ROWS, Memoryless
 from socialiq.worlds import grammar
 from socialiq.worlds.catalogue import GRIDS, ROADS
 from socialiq.worlds.files import names_file
@@ -39,6 +41,34 @@ DRIVER = "driver"
 DRIVER_FILE = "results/driver/driver.safetensors"
 PROCESS = "process:"
 RULE = "rule"  # kind of a rule-based driver, in its record
+RANDOM = "random"
+"""Rule of every world: actions drawn uniformly."""
+
+
+class RandomPolicy(Memoryless):
+    """Actions drawn uniformly, whatever is observed.
+
+    Attributes:
+        interface: Sizes of the world's observations and actions.
+        rng: Generator of the draws.
+    """
+
+    def __init__(self, interface: Interface, seed: int) -> None:
+        self.interface = interface
+        self.rng = np.random.default_rng(seed)
+
+    def choose(self, observation: Any, _deterministic: bool, /) -> np.ndarray:
+        """Return drawn actions, one for each observation."""
+        shape = np.shape(observation)[:-1]
+        if not self.interface.action_size:
+            return self.rng.integers(self.interface.n_actions, size=shape)
+        shape = (*shape, self.interface.action_size)
+        return self.rng.uniform(-1.0, 1.0, shape).astype(np.float32)
+
+    def probabilities(self, observations: np.ndarray) -> np.ndarray:
+        """Return the equal probabilities of all actions of each observation, (batch, action)."""
+        count = self.interface.n_actions
+        return np.full((len(observations), count), 1.0 / count)
 
 
 class Driver(NamedTuple):
@@ -232,6 +262,8 @@ def driver_of(
     if isinstance(name, str):
         if driver.is_rule_of(world):
             return finished(driver, rule_of(name, world, seed), world)
+        if name == RANDOM and world.is_exact:
+            return at_random(Interface.of(world), seed)
         name = _spec_of(file_of(name), world)
     size = Interface.of(world)
     settings: dict[str, Any] = {"angle": angle or 0.0, "allow_code": allow_code, "clock": True}
@@ -349,10 +381,22 @@ def rule_of(name: str, world: World, seed: int = 0) -> Loaded:
         world: The world.
         seed: Seed of the random driver.
     """
+    return Loaded(world.driver(name, seed), _record_of_rule(name, Interface.of(world)))
+
+
+def at_random(interface: Interface, seed: int = 0) -> Loaded:
+    """Return the driver that draws its actions, with its record.
+
+    Args:
+        interface: Sizes of the world's observations and actions.
+        seed: Seed of the draws.
+    """
+    return Loaded(RandomPolicy(interface, seed), _record_of_rule(RANDOM, interface, soft=True))
+
+
+def _record_of_rule(name: str, interface: Interface, soft: bool = False) -> Record:
     sha256 = rule_sha256(name, package_sha256())
-    covers = "the rule's name and this package's code"
-    record = Record(RULE, name, sha256, covers, Interface.of(world), False)
-    return Loaded(world.driver(name, seed), record)
+    return Record(RULE, name, sha256, "the rule's name and this package's code", interface, soft)
 
 
 def rule_sha256(name: str, package: str) -> str:

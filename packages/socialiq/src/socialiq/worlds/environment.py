@@ -116,6 +116,7 @@ def environment_maker(
     allow_code: bool,
     continuous: bool = False,
     options: Mapping[str, Any] | None = None,
+    needs_pair: bool = False,
 ) -> Callable[[], gymnasium.Env[Any, Any]]:
     """Return a function that makes an environment to learn in, and checks that its data fit.
 
@@ -126,6 +127,7 @@ def environment_maker(
         allow_code: Whether a module may be imported.
         continuous: Whether the learner takes continuous actions, and only these.
         options: Keyword arguments of the environment.
+        needs_pair: Whether every step must have a reward pair, as `make_environment`.
 
     Returns:
         A function without arguments. It raises a `UserError` if the environment can't be made, has
@@ -133,7 +135,8 @@ def environment_maker(
     """
 
     def make() -> gymnasium.Env[Any, Any]:
-        env = make_environment(name, options, allow_code=allow_code, continuous=continuous)
+        how = {"allow_code": allow_code, "continuous": continuous, "needs_pair": needs_pair}
+        env = make_environment(name, options, **how)
         actual = (sizes(env)[0], action_size(env)) if continuous else sizes(env)
         if continuous and not actual[1]:
             raise UserError(f"{one_line(name)} has discrete actions: use a learner of these")

@@ -109,7 +109,8 @@ class RewardPairWrapper(gymnasium.Wrapper, RecordConstructorArgs):
         else:
             raise UserError(
                 "the environment gives no reward pair: put (r_env, r_social) into "
-                'info["reward_pair"], or wrap it in a RewardPairWrapper with a function'
+                'info["reward_pair"], or wrap it in a RewardPairWrapper with a function; without a '
+                "pair only angle 0 has a meaning"
             )
         info = {**reported, "reward_pair": np.array(pair)}
         if self.ending is not None and transition.terminated:

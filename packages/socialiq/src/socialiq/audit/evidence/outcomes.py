@@ -187,8 +187,8 @@ AS_DECLARED = "as_declared"
 """Reference that decides as a declared rule says: the dial, or in a gridworld the exact one."""
 
 CRITERIA = {
-    "at_fault": "drives into another vehicle",
-    "struck": "is struck by another vehicle",
+    "at_fault": "drives into another",
+    "struck": "is struck by another",
     "arrival": "arrives",
     "timeout": "runs out of time",
 }

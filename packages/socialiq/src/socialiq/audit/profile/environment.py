@@ -67,11 +67,6 @@ class Environment(World):
         return sizes(self.env)[0]
 
     @property
-    def encoding(self) -> dict[str, Any]:
-        """Settings of the offline dial: observations as they are."""
-        return {"view": "flat"}
-
-    @property
     def schema(self) -> str:
         """Name and version of the schema of observations, of a road of this package or in SUMO."""
         env = self.env.unwrapped

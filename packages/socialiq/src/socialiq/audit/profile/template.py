@@ -6,7 +6,7 @@ import datetime
 import json
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -37,6 +37,10 @@ At the intersection a rule that goes at gaps of 2 s is at fault in 6 % of episod
 for 3 s in 2 % (docs/worlds/intersection.md). A policy whose true share is on a limit is never
 decided, so the limits differ from the shares of the atlas' experts.
 """
+
+NO_FLOOR = Floor(max_at_fault=1.0, max_struck=1.0, min_arrival=0.0, max_timeout=1.0)
+"""Floor of a world whose episodes end neither in arrivals nor in collisions."""
+_NO_ENDING = "Episodes of this world don't end so: the limit excludes nothing."
 
 FLOORS = ((67.5, 0.8), (77.5, 0.5), (90.0, 0.0))
 """Smallest share of arrivals that is asked for up to an angle in degrees. Of the shipped dial
@@ -177,10 +181,11 @@ def declare(
     for bound in caused:
         values[bound.path] = bound.limit
         values[f"{CAUSED}.{bound.quantity}_range"] = bound.range
-    return parse(_text(values).encode())
+    unlimited = [f"competence.{name}" for name in vars(NO_FLOOR)] if competence is NO_FLOOR else []
+    return parse(_text(values, unlimited).encode())
 
 
-def _text(values: Json) -> str:
+def _text(values: Json, unlimited: Collection[str] = ()) -> str:
     lines = [*_comment(_HEADING), ""]
     table = ""
     for field in FIELDS:
@@ -193,7 +198,7 @@ def _text(values: Json) -> str:
         if parent != table:
             table = parent
             lines += [f"[{table}]"]
-        lines += _comment(field.meaning)
+        lines += _comment(_NO_ENDING if field.path in unlimited else field.meaning)
         if field.kind == "options":
             pairs = values[field.path].items()
             lines += [f"[{field.path}]", *(f"{name} = {_toml(value)}" for name, value in pairs)]

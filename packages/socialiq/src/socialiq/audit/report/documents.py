@@ -95,7 +95,7 @@ def claims(report: Json) -> list[Claim]:
     return [
         Claim(
             "G0",
-            "The vehicle's social conduct is acceptably safe in its domain of use",
+            "The policy's social conduct is acceptably safe in its domain of use",
             _NO_EVIDENCE,
             "to be filled by the operator: simulation alone can't show it",
             ("G1", "G2", "G3"),

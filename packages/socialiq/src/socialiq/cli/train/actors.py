@@ -202,7 +202,10 @@ class Task:
             collector = VectorCollector(env, -(-steps // SIDE_BY_SIDE), runs, together)
         else:
             interface = (data.n_features, data.action_size) if data is not None else None
-            make = environment_maker(self.world, interface, self.allow_code, continuous=True)
+            # Without demonstrations the angle has a meaning by the environment's pair alone.
+            turned = getattr(static, "dial", False) or any(run.angle for run in runs)
+            how = {"continuous": True, "needs_pair": data is None and turned}
+            make = environment_maker(self.world, interface, self.allow_code, **how)
             make = make if change is None else change.maker(make)
             first = make()
             shape = (sizes(first)[0], action_size(first))

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from socialiq.audit.profile.environment import Environment
 from socialiq.cli.drivers import complain_if_it_stands, observed, with_one_ego, world_of
 from socialiq.cli.output import Display, Policies
 from socialiq.cli.train import shared
@@ -21,7 +22,11 @@ from socialiq.learners import policy_iteration as iteration
 from socialiq.learners.acting import acting_in
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import config, offline
-from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
+from socialiq.learners.dial.config import (
+    OWN_DATA,
+    OfflineDialConfig,
+    OfflineDialHyperparameters,
+)
 from socialiq.learners.dial.train import ASCENT_EVERY, Budget, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds, check_social
@@ -466,10 +471,10 @@ def encoding_of(name: str, data: Demonstrations, allow_code: bool) -> dict[str, 
     sizes = data.n_features, data.n_actions
     world = world_of(grammar.parse(name), allow_code) if name else labels.world_of(data)
     if world is None:
-        return {"view": "flat"}
+        return OWN_DATA
     for view in (world, world.with_clock()):
         if (view.n_features, view.n_actions) == sizes:
-            return view.encoding
+            return OWN_DATA if isinstance(view, Environment) else view.encoding
     raise UserError(
         f"the demonstrations have {sizes[0]} features and {sizes[1]} actions, {world.name} has "
         f"{world.n_features} and {world.n_actions}: they belong to another world"

@@ -12,8 +12,9 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import complain_if_it_stands
-from socialiq.cli.output import Display, Policies, Printing, complain
+from socialiq.cli.output import Display, Policies, Printing, complain, say
 from socialiq.cli.signing import fault_of_model, path_of_signature
+from socialiq.cli.train.comparison import comparison
 from socialiq.cli.words import check_options
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
@@ -51,6 +52,8 @@ class Training(Printing):
         self.show(outcome.numbers, outcome.rows)
         for failure in outcome.failures:
             complain(failure)
+        if line := comparison(self, outcome):
+            say(line)
         return 1 if outcome.failures else 0
 
     def result(self) -> Policies:

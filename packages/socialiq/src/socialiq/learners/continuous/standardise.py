@@ -18,7 +18,9 @@ from gymnasium import spaces
 from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError
-from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.nn.dial_policy import Dial
+from socialiq.nn.q_policy import QPolicy
 
 _LEAST = 1e-3
 """Added to deviations, as Fujimoto and Gu (2021) do."""
@@ -125,7 +127,7 @@ class Standardisation:
         """Return a function that makes such environments."""
         return lambda: self.environment(make())
 
-    def policy(self, trained: ActorPolicy | ActorDial) -> Any:
+    def policy(self, trained: ActorPolicy | QPolicy | Dial[Any]) -> Any:
         """Return a policy, or dial, of observations as they are; its first layer has the change.
 
         Inputs after the observation, those of an angle, stay.
@@ -133,7 +135,7 @@ class Standardisation:
         Raises:
             UserError: If it reads the observation by a view.
         """
-        if isinstance(trained, ActorDial):
+        if isinstance(trained, Dial):
             return dataclasses.replace(trained, turned=self.policy(trained.turned))
         if trained.view is not None:
             raise UserError("a view reads vehicles in their units: leave --standardise out")

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.continuous.standardise import Standardisation
 from socialiq.learners.dial import offline_losses as losses
 from socialiq.learners.dial.config import OfflineDialConfig, OfflineDialHyperparameters
 from socialiq.learners.dial.offline_losses import Critic, Rows
@@ -38,11 +39,15 @@ class Stage(Learner):
         rows: Recorded transitions of every run, end to end.
         bounds: First row of each run, and the end.
         units: Unit of the critics' outputs of each run.
+        scales: Mean and deviation of each feature in each run's data, with `own_scale`.
+        limits: Least and largest returns-to-go of each run's data, with `own_scale`.
     """
 
     rows: Rows = None  # pyright: ignore[reportAssignmentType]
     bounds: Int[Array, " bound"] = None  # pyright: ignore[reportAssignmentType]
     units: Float[Array, "run 2"] = None  # pyright: ignore[reportAssignmentType]
+    scales: Float[Array, "run 2 feature"] | None = None
+    limits: Float[Array, "run 2 2"] | None = None
 
     StaticConfig: ClassVar[type] = OfflineDialConfig
     Hyperparameters: ClassVar[type] = OfflineDialHyperparameters
@@ -66,13 +71,6 @@ class Stage(Learner):
 
         Returns:
             `batch_size` rows with their directions, and the next key.
-
-        Args:
-            hyperparameters: Numbers of one run; `dataset` is the index of the run's data.
-            carry: Random key.
-
-        Returns:
-            `batch_size` rows with their directions, and the next key.
         """
         key, for_rows, for_angles = jax.random.split(carry, 3)
         static = self.static
@@ -81,6 +79,22 @@ class Stage(Learner):
         directions = draw_directions(for_angles, static.batch_size, static.without_idle_share)
         rows = jax.tree.map(lambda column: column[chosen], self.rows)
         return (rows, directions), key
+
+    def price(
+        self, direction: RewardPair, hyperparameters: HyperparameterArrays
+    ) -> Float[Array, " row"]:
+        """Return η of each row's angle, in units of reward.
+
+        Args:
+            direction: (cos α, sin α) of each row.
+            hyperparameters: Numbers of one run.
+        """
+        numbers = hyperparameters
+        price = losses.price(direction, numbers.temperature, numbers.end_temperature)
+        if not self.static.own_scale:
+            return price
+        unit = self.units[numbers.dataset]
+        return price * jnp.hypot(direction.env * unit[0], direction.social * unit[1])
 
 
 class Behaviour(Stage):
@@ -138,8 +152,10 @@ class Critics(Stage):
         rows, direction = batch
         numbers = hyperparameters
         where = (rows, direction, self.units[numbers.dataset])
-        temperature = losses.price(direction, numbers.temperature, numbers.end_temperature)
+        temperature = self.price(direction, numbers)
         target = losses.critic_target(target_network, *where, temperature, numbers.discount)
+        if self.limits is not None:  # bootstrapping beyond what was recorded diverges
+            target = jnp.clip(target, *self.limits[numbers.dataset])
         loss = losses.critic_loss(network, jax.lax.stop_gradient(target), *where)
         return loss, {"loss": loss, "max_target": jnp.max(jnp.abs(target))}
 
@@ -178,7 +194,7 @@ class Distillation(Stage):
         """
         numbers = hyperparameters
         rows, direction = batch
-        temperature = losses.price(direction, numbers.temperature, numbers.end_temperature)
+        temperature = self.price(direction, numbers)
         critics = jax.tree.map(lambda leaf: leaf[numbers.dataset], self.critics)
         unit = self.units[numbers.dataset]
         loss = losses.dial_loss(network, critics, rows, direction, unit, temperature)
@@ -193,17 +209,14 @@ class Distillation(Stage):
 
         Returns:
             The dial, with temperature 1: softmax of its values is the policy.
-
-        Args:
-            hyperparameters: Numbers of the run, for the record.
-            state: State of the run.
-
-        Returns:
-            The dial, with temperature 1: softmax of its values is the policy.
         """
         static = self.static
         record = self.record(hyperparameters)
-        return DialPolicy.of(state.target_network, 1.0, static.low, static.high, record)
+        dial = DialPolicy.of(state.target_network, 1.0, static.low, static.high, record)
+        if self.scales is None:
+            return dial
+        scale = np.asarray(self.scales[hyperparameters.dataset], np.float32)
+        return Standardisation(*scale).policy(dial)
 
 
 def train(
@@ -235,9 +248,16 @@ def train(
     sizes = {(int(data.observation.shape[1]), int(data.n_actions)) for data in datasets}
     if len(sizes) > 1:
         raise UserError("the sets of demonstrations have different observations or actions")
+    shared: dict[str, Any] = {}
+    if static.own_scale:
+        scales = [Standardisation.of(data.observation) for data in datasets]
+        datasets = [scale.transitions(data) for scale, data in zip(scales, datasets, strict=True)]
+        shared["scales"] = jnp.stack([jnp.stack([s.mean, s.deviation]) for s in scales])
+        returns = [np.stack(data.returns("to_go", 1.0), axis=1) for data in datasets]
+        shared["limits"] = jnp.stack([jnp.stack([r.min(axis=0), r.max(axis=0)]) for r in returns])
     tables, units = zip(*(recorded(data, static.whole_episode) for data in datasets), strict=True)
     bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
-    shared: dict[str, Any] = {"bounds": jnp.asarray(bounds, jnp.int32), "units": jnp.stack(units)}
+    shared |= {"bounds": jnp.asarray(bounds, jnp.int32), "units": jnp.stack(units)}
     size = sizes.pop()
     runs = [replace(run, dataset=n) for n, run in enumerate(hyperparameters)]
     done: dict[str, Trained] = {}
@@ -256,6 +276,8 @@ def train(
         for run, table in enumerate(tables)
     ]
     now, later = (jnp.concatenate(column) for column in zip(*logs, strict=True))
+    if static.own_scale:
+        now, later = map(losses.supported, (now, later))
     rows = rows._replace(log_behaviour=now, next_log_behaviour=later)
     longer = replace(static, updates=static.critic_factor * static.updates)
     critics = finish("critics", Critics(longer, size, rows=rows, **shared))
@@ -306,13 +328,6 @@ def log_probabilities(
     network: QNetwork, observation: Float[Array, "row feature"]
 ) -> Float[Array, "row action"]:
     """Return log softmax of a network's outputs for many rows, block by block.
-
-    Args:
-        network: Network of logits.
-        observation: Observations, (row, feature).
-
-    Returns:
-        The log-probabilities, (row, action).
 
     Args:
         network: Network of logits.

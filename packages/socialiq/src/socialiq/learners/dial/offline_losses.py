@@ -35,6 +35,8 @@ Scalar = Float[Array, ""]
 
 LEAST = -12.0
 """Smallest log β that the dial's loss sees, so that its gradients are bounded."""
+RARE = 0.02
+"""Share of the most frequent action below which an action counts as not demonstrated."""
 
 _AT_15 = math.sin(math.radians(30.0))
 _AT_30 = math.sin(math.radians(60.0))
@@ -149,6 +151,19 @@ def regularised_policy(
         π(a | s), with sum 1 over the actions.
     """
     return jax.nn.softmax(log_behaviour + value / jnp.asarray(temperature)[..., None], axis=-1)
+
+
+def supported(log_behaviour: Float[Array, "row action"]) -> Float[Array, "row action"]:
+    """Return log β without rare actions, of whose Q little is known (BCQ, Fujimoto et al. 2019).
+
+    Args:
+        log_behaviour: log β(a | s).
+
+    Returns:
+        The same, -1000 for actions rarer than `RARE` of the most frequent one.
+    """
+    most = jnp.max(log_behaviour, axis=-1, keepdims=True)
+    return jnp.where(log_behaviour < most + math.log(RARE), -1000.0, log_behaviour)
 
 
 def price(
@@ -333,6 +348,8 @@ def dial_loss(
     values = ensemble_values(critics, rows.observation, rows.time, direction, unit)
     value = scored(jnp.mean(values, axis=0), direction) / jnp.asarray(temperature)[..., None]
     log_policy = jax.nn.log_softmax(jax.vmap(network)(rows.observation, direction))
-    gain = value - jnp.max(value, axis=-1, keepdims=True)
+    shown = rows.log_behaviour > -1000.0
+    gain = value - jnp.max(value, axis=-1, keepdims=True, where=shown, initial=-jnp.inf)
+    gain = jnp.minimum(gain, 0.0)
     behaviour = jnp.maximum(rows.log_behaviour, LEAST)
     return jnp.mean(jnp.sum(jnp.exp(log_policy) * (log_policy - behaviour - gain), axis=-1))
