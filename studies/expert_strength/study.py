@@ -38,6 +38,12 @@ from socialiq_lab.intersection.driving import (
     load_episodes,
     record_experts,
 )
+from socialiq_lab.intersection.thesis_tables import (
+    PERCENT,
+    compared,
+    group_spread,
+    separability,
+)
 from socialiq_lab.intersection.training import (
     Checks,
     ExpertRun,
@@ -49,7 +55,6 @@ from socialiq_lab.jobs import Job
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, groups, mean, numeric_means, options_name, spread
-from studies.intersection.study import PERCENT, compared, group_spread, separability
 
 READINGS: tuple[dict[str, Any], ...] = tuple(declaration("expert-strength")["readings"]["options"])
 """Changed options of the world in each reading of the reward."""
@@ -106,10 +111,12 @@ def more_jobs(config: Any, work: Path) -> Iterator[Job]:
         work: Folder of the finished jobs.
     """
     best = min(readings(config, work), key=operator.itemgetter("score"))["reading"]
-    options = next(Options(**reading) for reading in READINGS if options_name(reading) == best)
+    by_name = {options_name(reading): Options(**reading) for reading in READINGS}
+    options = by_name[best]
     if options == Options():
         return
-    trio, seed = config.trios[0], config.seeds[0]
+    trio = config.trios[0]
+    seed = config.seeds[0]
     experts = tuple(f"experts/matched/{trio}/{mode}" for mode in MODES)
     recording = Recording(driver=BEST, episodes=config.pool_episodes, options=options)
     recorded = f"demonstrations/reading/{trio}"
@@ -338,7 +345,8 @@ def readings(config: Any, work: Path) -> list[Row]:
                 ratios.append(abs(math.log(sd / thesis_sd)) if sd else math.inf)
                 if signal == "g_social":
                     social |= {f"{mode}_r_social": total, f"{mode}_r_social_sd": sd}
-        means, sds = float(np.mean(gaps)), float(np.mean(ratios))
+        means = float(np.mean(gaps))
+        sds = float(np.mean(ratios))
         score = {"means": means, "spreads": sds, "score": means + sds}
         table.append({"reading": name} | score | social)
     return table

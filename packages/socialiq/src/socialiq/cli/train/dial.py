@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -46,6 +46,18 @@ ON_ROADS = "intersection"
 """Preset of these worlds."""
 OFFLINE = "offline-regularised"
 """Preset of `train offline-dial`."""
+
+
+class _Place(NamedTuple):
+    """World of a training with what learns there."""
+
+    world: Any
+    static: config.DialConfig
+    data: Sequence[Demonstrations]
+    sizes: tuple[int, int]  # of features and actions
+    simulator: Any  # world that the program simulates; None where `collector` acts
+    collector: Any
+    chunk: int  # updates
 
 
 @dataclass(frozen=True)
@@ -100,6 +112,40 @@ class Dial(shared.Training):
         budget = self._dual_ascent(name, static, runs)
         self._check_data(name, static, written)
         data = self.labels.load_any(self.data)
+        at = self._place(written, world, preset, static, runs, data)
+        learning = at.static, runs, at.data, at.simulator, at.sizes
+        config.check_fit(*learning, at.collector is not None)
+        folder = shared.RunFolder(self.out, "dial", self.options, self.labels, at.world.schema)
+        with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
+            options = {"chunk": ASCENT_EVERY if budget else at.chunk, "before_chunk": at.collector}
+            trained = train(*learning, callbacks, budget=budget, **options)
+        data_file = self.data and shared.described_file(self.data)
+        record = {"preset": name, "world": self.world, "data": data_file}
+        record |= {"budget": self.budget, "budget_path": []}
+        place = at.world
+        if isinstance(place, grid_world.GridWorld) and not static.classes:
+            place = tabulate(place).reachable_part()
+        return finish_dials(folder, trained, record, place, budget)
+
+    def _place(
+        self,
+        written: grammar.Written,
+        world: Any,
+        preset: Any,
+        static: config.DialConfig,
+        runs: Sequence[Any],
+        data: Sequence[Demonstrations],
+    ) -> _Place:
+        """Return where and from what the dials learn: on a road, elsewhere by rollouts, or exactly.
+
+        Args:
+            written: The world as it is written.
+            world: The world.
+            preset: The preset.
+            static: Structure of the dial.
+            runs: Hyperparameters of each dial.
+            data: Demonstrations of each dial, or none.
+        """
         simulator = None
         collector = None
         chunk = shared.CHUNK
@@ -128,20 +174,7 @@ class Dial(shared.Training):
             static = replace(static, one_hot=world.one_hot, redraw_times=times)
             sizes = (world.n_features, world.n_actions)
             simulator = world if static.online else None
-        config.check_fit(static, runs, data, simulator, sizes, collector is not None)
-        folder = shared.RunFolder(self.out, "dial", self.options, self.labels, world.schema)
-        with folder.callbacks([{"seed": seed} for seed in self.seed]) as callbacks:
-            options = {"chunk": ASCENT_EVERY if budget else chunk, "before_chunk": collector}
-            trained = train(
-                static, runs, data, simulator, sizes, callbacks, budget=budget, **options
-            )
-        data_file = self.data and shared.described_file(self.data)
-        record = {"preset": name, "world": self.world, "data": data_file}
-        record |= {"budget": self.budget, "budget_path": []}
-        place = world
-        if isinstance(world, grid_world.GridWorld) and not static.classes:
-            place = tabulate(world).reachable_part()
-        return finish_dials(folder, trained, record, place, budget)
+        return _Place(world, static, data, sizes, simulator, collector, chunk)
 
     def _world(self, written: grammar.Written) -> Any:
         """Return the world to learn in; refuse one of continuous actions or of demonstrations."""
