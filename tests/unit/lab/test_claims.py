@@ -38,6 +38,37 @@ def test_every_claim_is_complete(rows):
             assert row["reason"], f"{row['id']}: a failed claim needs its reason"
 
 
+def test_every_claim_that_fails_has_its_cause_and_no_other_claim(rows):
+    for row in rows:
+        assert bool(row["cause"]) == (row["verdict"] == "not"), row["id"]
+
+
+def test_numbers_of_experts_have_a_second_verdict_with_experts_like_the_thesis(rows):
+    judged = {row["id"]: row for row in rows if row["matched"]}
+    for name in ("tab-6.2-collision-iq-ego", "tab-a.1-alt-classical-g-self"):
+        assert judged[name]["verdict_matched"] in ("reproduced", "partly", "not"), name
+    tables = [row for row in rows if row["id"].startswith(("tab-6.", "tab-a."))]
+    assert len(tables) > 50
+    assert all(row["matched"] for row in tables)
+
+
+@pytest.mark.parametrize(
+    ("ours", "expected"), [(-1.17, "reproduced"), (-1.3, "partly"), (-2.0, "not")]
+)
+def test_a_number_without_a_spread_is_judged_by_that_of_our_trios(tmp_path, ours, expected):
+    cell = {"ours": ours, "over_trios": 0.2}
+    summary = {"table_a_2": {"egoistic_prosocial": {"g_global": cell}}}
+    (tmp_path / "expert-strength").mkdir()
+    (tmp_path / "expert-strength" / "summary.json").write_text(json.dumps(summary))
+    trios = {"config": {"trios": [50, 51, 52, 53]}}
+    (tmp_path / "expert-strength" / "config.json").write_text(json.dumps(trios))
+    claim = {"id": "d", "value": -1.17, "tolerance": 0.005, "thesis": "-1.17", "statement": ""}
+    claim["our_value"] = "{intersection:table_a_2.egoistic_prosocial.g_global.ours}"
+    judged = claims.matched(claim, claims.Summaries(tmp_path))
+    assert judged["verdict_matched"] == expected
+    assert judged["matched"] == f"{ours:.2f} +- 0.20 over 4 trios of experts"
+
+
 def test_claims_about_social_impact_have_the_second_measure(rows):
     judged = [row for row in rows if row["caused"] or row["verdict_caused"]]
     assert len(judged) >= 10

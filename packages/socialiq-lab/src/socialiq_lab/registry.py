@@ -3,7 +3,8 @@
 The folder lies in the checkout, next to `packages`, or in the current folder; it is in no wheel.
 STUDY.toml has a `title`, and declares the study (`socialiq_lab.declared`); or a module `study.py`
 of its folder ends with `STUDY` (`socialiq_lab.study.Study`). Its table `tiny` is the preset of that
-name: other values of the configuration for a run of seconds.
+name: other values of the configuration for a run of seconds. A study of the thesis lists in
+`of_the_thesis` the tables and figures of the thesis that it makes.
 """
 
 import functools
@@ -72,6 +73,25 @@ def declaration(name: str) -> dict[str, Any]:
     return read(declarations()[name])
 
 
+def thesis_first() -> dict[str, str]:
+    """Return the title of each study by name, those of the thesis first."""
+    contents = {name: read(path) for name, path in declarations().items()}
+    names = sorted(contents, key=lambda name: "of_the_thesis" not in contents[name])
+    return {name: contents[name]["title"] for name in names}
+
+
+def study_of(printed: str) -> str:
+    """Return the study that makes a table or figure of the thesis, such as "Table 6.1".
+
+    Args:
+        printed: Name of a table or figure; another text is returned as it is.
+    """
+    for name, path in declarations().items():
+        if printed.casefold() in map(str.casefold, read(path).get("of_the_thesis", ())):
+            return name
+    return printed
+
+
 def read(path: Path) -> dict[str, Any]:
     """Read a STUDY.toml.
 
@@ -114,6 +134,7 @@ def study_and_declaration(name: str, allow_code: bool = False) -> tuple[Study, d
         if not isinstance(study, Study):
             raise UserError(f"{file} has no study {attribute}: name a socialiq Study of the file")
         return study, {}
+    name = study_of(name)
     content = declaration(name)
     folder = declarations()[name].parent
     if (folder / "study.py").is_file():

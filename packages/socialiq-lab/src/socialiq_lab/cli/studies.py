@@ -38,7 +38,8 @@ class Reproduce(Printing):
     """
 
     study: Annotated[str, tyro.conf.Positional] = ""
-    """One of the studies above; or a STUDY.toml or FILE.py:NAME, a study of your own."""
+    """One of the studies above, or a table or figure of the thesis, "Table 6.1"; or a STUDY.toml or
+    FILE.py:NAME, a study of your own."""
     allow_code: bool = False
     """Run the code of FILE.py, or of study.py beside STUDY.toml, with your rights."""
     seeds: tuple[int, ...] | None = None
@@ -140,10 +141,9 @@ def _check(config: Any) -> None:
 
 def _listed() -> str:
     """Return the name and the title of each study, one a line."""
-    width = max(map(len, registry.STUDIES), default=0)
-    return "\n".join(
-        f"  {name.ljust(width)}  {registry.declaration(name)['title']}" for name in registry.STUDIES
-    )
+    titles = registry.thesis_first()
+    width = max(map(len, titles), default=0)
+    return "\n".join(f"  {name.ljust(width)}  {title}" for name, title in titles.items())
 
 
 Reproduce.__doc__ = f"{inspect.cleandoc(Reproduce.__doc__ or '')}\n\nStudies:\n{_listed()}\n"
