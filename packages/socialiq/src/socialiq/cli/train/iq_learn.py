@@ -19,7 +19,7 @@ from socialiq.learners.extensions import LEARNERS
 from socialiq.learners.iq_learn.config import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.settings import check_seeds
-from socialiq.worlds.catalogue import GRIDS, base
+from socialiq.worlds.catalogue import GRIDS, INTERSECTION, base
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import environment_maker
 from socialiq.worlds.files import refuse_file
@@ -42,9 +42,11 @@ class IQLearn(shared.Training):
     id, MODULE:ID or MODULE:FUNCTION); none trains offline."""
     out: shared.Out
     preset: str = ""
-    """Settings to begin with: grid (default), table-c1, poc, lambda-sweep; for tens to hundreds of
-    demonstrated rows without social rewards few-offline, and with a world few-online. At the
-    intersection with continuous actions intersection-continuous."""
+    """Settings to begin with. At the intersection intersection-calibrated (its default),
+    intersection-thesis (Table C.1, with which every learner waits), intersection-shifted; with
+    continuous actions intersection-continuous. Elsewhere grid (default), table-c1, poc,
+    lambda-sweep; for tens to hundreds of demonstrated rows without social rewards few-offline, and
+    with a world few-online."""
     prior: str | None = None
     """Social prior: none, reward, bellman_shift, reweighting, shifted_chi2, or FILE.py:NAME."""
     value_term: str | None = None
@@ -92,8 +94,10 @@ class IQLearn(shared.Training):
             functions["prior"] = extensions.checked_prior(functions["prior"])
         if "divergence" in functions:
             functions["divergence"] = extensions.checked_divergence(functions["divergence"])
-        one_of("preset", self.preset or "grid", tuple(PRESETS))
-        preset = PRESETS[self.preset or "grid"]
+        usual = "intersection-calibrated" if base(self.world) == INTERSECTION else "grid"
+        name = self.preset or usual
+        one_of("preset", name, tuple(PRESETS))
+        preset = PRESETS[name]
         if not self.world and preset[0].value_term == "value":
             values.setdefault("value_term", "value_expert")
         settings = values | {"online": bool(self.world)} | self.size.settings()
