@@ -1,4 +1,4 @@
-"""Learners of experts of four strengths at the intersection, a trio of experts as the replicate.
+"""Learners of experts of three strengths at the intersection, a trio of experts as the replicate.
 
 The strength decides which of the thesis' tables come back: those with experts that are stopped
 where their endings are nearest Table 6.2's are the thesis' on its own terms.
@@ -27,7 +27,6 @@ from socialiq_lab.intersection.driving import (
     BEST,
     LAST,
     MIXTURE,
-    Ahead,
     Driving,
     Recording,
     Shipped,
@@ -67,8 +66,7 @@ MEASURES = ("value", "collision", "at_fault_per_entry")
 
 def trios(config: Any) -> dict[str, tuple[int, ...]]:
     """Return the training seeds of the trios of each strength, the weakest first."""
-    shipped = (SHIPPED_TRIO,)
-    return {"weak": config.trios, "matched": config.trios, "strong": shipped, "planner": shipped}
+    return {"weak": config.trios, "matched": config.trios, "strong": (SHIPPED_TRIO,)}
 
 
 def learners(config: Any, strength: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
@@ -83,16 +81,13 @@ def jobs(config: Any) -> Iterator[Job]:
     for strength, seeds in trios(config).items():
         for trio in seeds:
             place = f"{strength}/{trio}"
-            ahead: Ahead = "planned" if strength == "planner" else ""
             experts = tuple(f"experts/{place}/{mode}" for mode in MODES)
             for name, mode in zip(experts, MODES, strict=True):
                 yield expert(config, name, strength, trio, mode)
-                angles = (MODES[mode],) if ahead else ()
-                run = Driving(driver=BEST, ahead=ahead, angles=angles, episodes=config.episodes)
-                yield evaluation(name, run, 60.0 if ahead else 3.0)
-            recording = Recording(driver=BEST, ahead=ahead, episodes=config.pool_episodes)
+                yield evaluation(name, Driving(driver=BEST, episodes=config.episodes), 3.0)
+            recording = Recording(driver=BEST, episodes=config.pool_episodes)
             recorded = f"demonstrations/{place}"
-            yield Job(recorded, record_experts, recording, experts, 200.0 if ahead else 6.0)
+            yield Job(recorded, record_experts, recording, experts, 6.0)
             for target, seed in itertools.product(*learners(config, strength)):
                 name = f"learners/{place}/{target}/{seed}"
                 yield Job(name, train_learner, learner(config, target, seed), (recorded,), 50.0)
@@ -138,7 +133,7 @@ def expert(config: Any, name: str, strength: str, trio: int, mode: str) -> Job:
         trio: Training seed.
         mode: Mode of the expert.
     """
-    if strength in ("strong", "planner"):
+    if strength == "strong":
         shipped = Shipped(f"intersection/atlas/expert_{mode}.safetensors", BEST)
         return Job(name, copy_shipped, shipped)
     numbers = dqn.DQNHyperparameters(angle=MODES[mode], seed=trio)

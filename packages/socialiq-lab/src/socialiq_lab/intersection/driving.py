@@ -117,26 +117,16 @@ def drive(config: Driving, folder: Path, inputs: Inputs, on_progress: ProgressCa
         if config.ahead == "lookahead":
             episodes = with_oracle_lookahead(config.options, policy, config.seeds, cell)
         elif config.ahead == "planned":
-            batch = Intersection(config.options).batch(PLANNED_BATCH)
-            planner = planning(policy, config.options, cell)
-            episodes = episodes_of(batch, planner, config.seeds)
+            discount = driver.provenance["numbers"]["discount"]
+            policy = RolloutPolicy(policy, config.options, cell, discount=discount)
+            episodes = episodes_of(
+                Intersection(config.options).batch(PLANNED_BATCH), policy, config.seeds
+            )
         else:
             batch = config.world.batch(BATCH)
             episodes = episodes_of(batch, policy, config.seeds, deterministic=cell != "soft")
         save_episodes(episodes_at(folder, name, cell), episodes)
         on_progress(number / len(cells))
-
-
-def planning(policy: Any, options: Options, angle: float) -> RolloutPolicy:
-    """Return a policy with online planning, by its own discount.
-
-    Args:
-        policy: Policy that was trained at the angle.
-        options: Options of the intersection.
-        angle: α of the planner's reward, in degrees.
-    """
-    discount = policy.provenance["numbers"]["discount"]
-    return RolloutPolicy(policy, options, angle, discount=discount)
 
 
 def evaluation(trained: str, config: Driving, cost: float) -> Job:
@@ -329,11 +319,7 @@ def record_experts(
     for number, (mode, policy) in enumerate(zip(MODES, experts, strict=True)):
         source = {"world": world.description, "expert": policy.provenance}
         seeds = config.seeds + number * config.episodes
-        size = BATCH
-        if config.ahead == "planned":
-            size = PLANNED_BATCH
-            policy = planning(policy, config.options, MODES[mode])
-        recorded = record(world.batch(size), policy, seeds, mode, source)
+        recorded = record(world.batch(BATCH), policy, seeds, mode, source)
         files.save(folder / f"{mode}.safetensors", recorded.transitions)
         classical = {"own": recorded.classical.env, "others": recorded.classical.social}
         save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
