@@ -120,6 +120,7 @@ COMPARED_BESIDE_THEIR_TESTS = {
         "audits",
         "compare-methods",
         "dial",
+        "expert-strength",
         "grid",
         "intersection",
         "intersection-continuous",
