@@ -119,7 +119,10 @@ def test_evaluate_several_policies_at_several_angles(capsys):
     network(seed=1).save("b.safetensors")
     printed = command(capsys, "evaluate", "a.safetensors", "b.safetensors", "--angle", "45")
     objects = [network(), network(seed=1)]
-    assert numbers(socialiq.evaluate(objects, angle=45)) == printed
+    of_objects = numbers(socialiq.evaluate(objects, angle=45))
+    for row, named in zip(of_objects["policies"], printed["policies"], strict=True):
+        assert row | {"policy": named["policy"]} == named
+    assert of_objects["pooled"] == printed["pooled"]
     turned = socialiq.evaluate(["a.safetensors", "b.safetensors"], angle=[45, 90])
     names = [{"policy": row.pop("policy")} for row in turned["policies"]]
     assert names == [{"policy": "a.safetensors"}, {"policy": "b.safetensors"}] * 2
@@ -213,7 +216,9 @@ def test_a_dial_is_evaluated_at_angles_of_an_argument_and_of_its_text():
     turned = socialiq.evaluate(dial, "crossing7", angle=[0, 90])["policies"]
     assert [row["target_angle"] for row in turned] == [0.0, 90.0]
     texts = ["dial.safetensors@0", "dial.safetensors@90"]
-    assert socialiq.evaluate(texts, "crossing7")["policies"] == turned
+    named = socialiq.evaluate(texts, "crossing7")["policies"]
+    for row, alone in zip(named, turned, strict=True):
+        assert {name: row[name] for name in alone} == alone
 
 
 def test_a_config_trains_as_before():

@@ -13,6 +13,7 @@ from socialiq.evaluation.rollout import MODES
 from socialiq.results_folder import Results
 from socialiq.types import Ending
 from socialiq_lab.declared import State
+from socialiq_lab.intersection import thesis_tables
 from socialiq_lab.registry import find
 from socialiq_lab.tables import options_name
 from studies.audit_power import power
@@ -192,9 +193,9 @@ def test_the_spread_over_groups_of_episodes_is_that_of_their_shares():
     groups = [arrival, arrival], [arrival, timeout], [timeout, timeout]
     episodes = episodes_with([*itertools.chain(*groups), arrival])  # the last is in no group
     config = SimpleNamespace(group_episodes=2, evaluation_seeds=3)
-    spread = intersection_study.group_spread(episodes, config, "arrival")
+    spread = thesis_tables.group_spread(episodes, config, "arrival")
     assert spread == pytest.approx(np.std([1.0, 0.5, 0.0], ddof=1))
-    assert intersection_study.group_spread(episodes, config, "collision") == 0.0
+    assert thesis_tables.group_spread(episodes, config, "collision") == 0.0
 
 
 @pytest.fixture
@@ -210,10 +211,10 @@ def test_differences_compare_a_learner_with_the_same_expert_for_each_seed(plan_c
     for group, policies in columns.items():
         for target, names in policies.items() if group != ("experts", "flat") else ():
             rate |= {name: (0.1 * n + (target == "altruistic")) for n, name in enumerate(names)}
-    metrics = {comparison.metric for comparison in intersection_study.COMPARISONS}
+    metrics = {comparison.metric for comparison in thesis_tables.COMPARISONS}
     rows = {(name, "greedy"): dict.fromkeys(metrics, value) for name, value in rate.items()}
     tests = intersection_study.differences(rows, plan_config)
-    assert len(tests) == len(intersection.TRAINED) * len(intersection_study.COMPARISONS)
+    assert len(tests) == len(intersection.TRAINED) * len(thesis_tables.COMPARISONS)
     by_pair = {(row["first"], row["second"]): row["mean"] for row in tests}
     assert by_pair["egoistic", "expert egoistic"] == pytest.approx(0.05 - 0.5)
     assert by_pair["altruistic", "prosocial"] == pytest.approx(1.0)

@@ -154,10 +154,7 @@ class Evaluate(Printing):
             check_seed(self.seed)
             return evaluate_data(self, self._policies, self.data)
         rows, targets, totals = map(list, zip(*self.measured(), strict=True))
-        angles = targets if self.angle is None else [self.angle] * len(rows)
-        scores = [_scored(*pair) for pair in zip(totals, angles, strict=True)]
-        if len({*angles}) == 1 and angles[0] is not None:
-            scores = compared(totals, angles[0])
+        scores = self._scores(targets, totals)
         rows = [score | row for score, row in zip(scores, rows, strict=True)]
         if len(rows) == 1:
             return Result(rows[0], listed(rows[0]))
@@ -168,6 +165,25 @@ class Evaluate(Printing):
         numbers = {"policies": table, "pooled": pool(rows, targets)}
         title = "score: cos α r_env + sin α r_social at the angle" if scores[0] else ""
         return Result(numbers, short, title, table=table, labels=("policy",))
+
+    def _scores(self, targets: list[float | None], totals: list[RewardPair]) -> list[Row]:
+        """Return the scores of policies at one angle, or each at its own; empty where one has none.
+
+        Args:
+            targets: Angle in degrees that each policy was trained for; None if it is not known.
+            totals: Sums of both rewards in each episode, of each policy.
+        """
+        stated = [parse(policy).at(self.angle) for policy in self._policies]
+        angles = [
+            target if angle is None else angle
+            for angle, target in zip(stated, targets, strict=True)
+        ]
+        known = {angle for angle in angles if angle is not None}
+        if len(known) == 1:
+            return compared(totals, known.pop())
+        if None in angles:
+            return [{} for _ in angles]
+        return [_scored(*pair) for pair in zip(totals, angles, strict=True)]
 
     @property
     def _names(self) -> list[str]:
