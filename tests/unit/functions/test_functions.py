@@ -126,7 +126,8 @@ def test_evaluate_several_policies_at_several_angles(capsys):
     turned = socialiq.evaluate(["a.safetensors", "b.safetensors"], angle=[45, 90])
     names = [{"policy": row.pop("policy")} for row in turned["policies"]]
     assert names == [{"policy": "a.safetensors"}, {"policy": "b.safetensors"}] * 2
-    assert numbers(turned["policies"][:2]) == printed["policies"]
+    for row, named in zip(numbers(turned["policies"][:2]), printed["policies"], strict=True):
+        assert row | {"policy": named["policy"]} == named
     assert [row["target_angle"] for row in turned["policies"]] == [45.0, 45.0, 90.0, 90.0]
 
 
