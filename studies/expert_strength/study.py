@@ -61,7 +61,7 @@ SHIPPED_TRIO = 40
 """Training seed of the strong experts, those of the intersection study."""
 TARGETS = ("baseline", *MODES)
 MEASURES = ("value", "collision", "at_fault_per_entry")
-"""What the law of the experts' strength compares: J at the own angle, and two rates."""
+"""Measures that are compared over the strength of experts: J at the own angle, and two rates."""
 
 
 def trios(config: Any) -> dict[str, tuple[int, ...]]:
@@ -298,7 +298,7 @@ def strength_rows(config: Any, rows: Mapping[str, Row]) -> list[Row]:
             names = [f"learners/{place}/{seed}" for seed in training_seeds]
             own = _measure(rows[f"experts/{place}"], measure, angle)
             others = [_measure(rows[name], measure, angle) for name in names]
-            if "" in (own, *others):  # nobody entered the junction
+            if "" in (own, *others):  # no vehicle entered the junction
                 continue
             learned = float(np.mean(others))
             table.append(

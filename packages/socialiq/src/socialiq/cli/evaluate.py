@@ -45,7 +45,7 @@ TIMED = (*SCENE_IDS, *(SCENE_IDS | SUMO_IDS | OLD_IDS).values(), IDS["intersecti
 
 
 class Measured(NamedTuple):
-    """What is measured of a policy.
+    """Measured quantities of a policy.
 
     Attributes:
         row: Numbers by name.
