@@ -72,7 +72,7 @@ def test_regret_is_at_the_angle_that_each_policy_was_trained_for(capsys):
         row([file, "--angle", f"{angle}"], capsys)
         for file, angle in zip(files, (0, 90), strict=True)
     ]
-    named = [{"policy": file} | one for file, one in zip(files, alone, strict=True)]
+    named = [{"policy": file} | row for file, row in zip(files, alone, strict=True)]
     assert rows["policies"] == named
     assert "regret" not in rows["pooled"] and "angle_not_pooled" in rows["pooled"]
     assert main(["evaluate", *files]) == 0

@@ -29,7 +29,7 @@ VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
 
 _REPRODUCE = (
     "poc", "grid", "lambda-sweep", "worlds", "alternatives", "penalties", "intersection-world",
-    "compare-priors", "audits", "poison", "expert-strength",
+    "compare-priors", "audits", "poison",
 )  # fmt: skip
 _COMMANDS = {name: f"socialiq reproduce {name}" for name in _REPRODUCE} | {
     "intersection": "socialiq reproduce intersection --set parts=main",
@@ -96,8 +96,9 @@ def failing(rows: list[dict[str, Any]]) -> str:
     compared = [row for row in failed if row["matched"]]
     counts = Counter(row["verdict_matched"] for row in compared)
     return (
-        f"The {len(failed)} that don't hold have {causes} causes. With experts like the thesis' "
-        f"{counts['reproduced']} of {len(compared)} of them hold, and {counts['partly']} in part."
+        f"The {len(failed)} that don't hold have {causes} causes. Of the {len(compared)} on which "
+        f"experts bear, {counts['reproduced']} hold with experts like the thesis', and "
+        f"{counts['partly']} in part."
     )
 
 
@@ -220,9 +221,11 @@ def compared(claim: dict[str, Any], summaries: Summaries) -> dict[str, Any]:
     return numbers | {"our_value": ours.value, "tolerance": allowed, "from_numbers": result}
 
 
-_STRONG = re.compile(
-    r"\{intersection:(table_(?:6_2\.(?:experts_flat|calibrated_online)_greedy|a_1|a_2))\.(.+)\.(\w+)\}"
+_CELL = re.compile(
+    r"\{intersection:(table_6_2|table_a_1|table_a_2)"
+    r"(?:\.experts_flat_greedy|\.calibrated_online_greedy)?\.(.+)\.\w+\}"
 )
+"""Cell of a table that the study of experts' strengths has too, without its last key."""
 
 
 def matched(claim: dict[str, Any], summaries: Summaries) -> dict[str, str]:
@@ -239,12 +242,11 @@ def matched(claim: dict[str, Any], summaries: Summaries) -> dict[str, str]:
     Returns:
         `matched` and `verdict_matched`, both empty for a claim on which experts don't bear.
     """
-    place = _STRONG.fullmatch(claim.get("our_value", ""))
+    place = _CELL.fullmatch(claim.get("our_value", ""))
     if place is None:
         text = resolve(claim.get("matched", ""), summaries)
         return {"matched": text, "verdict_matched": claim.get("verdict_matched", "")}
-    table, cell, _ = place.groups()
-    at = f"{'.'.join(table.split('.')[:1])}.{cell}"
+    at = ".".join(place.groups())
     count = len(summaries.at("expert-strength", "config.trios"))
     spread = float(summaries.at("expert-strength", f"{at}.over_trios"))
     ours = Ours(float(summaries.at("expert-strength", f"{at}.ours")), spread, count)

@@ -57,7 +57,8 @@ class Claims(Printing):
         for row in rows:
             print(described(row))
         print(", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
-        print(claims.failing(rows))
+        if counts["not"]:
+            print(claims.failing(rows))
         return 0
 
 
@@ -72,6 +73,7 @@ def described(row: Row) -> str:
     if row["matched"]:
         verdict = row["verdict_matched"]
         lines += [f"with experts like the thesis' [{verdict}]: {row['matched']}"]
+        lines += ["command: socialiq reproduce expert-strength"]
     if row["caused"]:
         lines += [f"by what is caused [{row['verdict_caused']}]: {row['caused']}"]
     where = " (in a checkout, after `make test`)" if row["command"].startswith("pytest ") else ""

@@ -193,7 +193,8 @@ class New:
                 f"no margin is known in {written.name}: add --margin in units of its reward, or "
                 "two or more --reference that differ at the angle"
             )
-        return self.margin or float(f"{gap / 2:.3g}"), floor
+        margin = float(f"{gap / 2:.3g}") if self.margin is None else self.margin
+        return margin, floor
 
     def _bounds(self, world: str, options: Json) -> list[profile.Bound]:
         """Return the bounds of what the policy causes in a world with these options."""
