@@ -87,7 +87,7 @@ def test_evaluate_and_audit_refuse_it_in_one_line(capsys):
         "def still(seen):\n    return [0 for _ in seen]\n"
     )
     new = ["profile", "new", "--world", "pole.py:make", "--angle", "0", "--out", "p.toml"]
-    assert main([*new, "--allow-code"]) == 0
+    assert main([*new, "--margin", "1", "--allow-code"]) == 0
     audit = ["audit", "policy.zip", "--profile", "p.toml", "--episodes", "20", "--seed", "7"]
     audit += ["--reference", "python:pole.py:still", "--isolation", "none", "--allow-code"]
     capsys.readouterr()

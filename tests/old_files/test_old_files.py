@@ -31,8 +31,18 @@ CHANGED = {
         )
         for road in ("merge", "roundabout")
     },
+    **{
+        command: "A report's words fit any environment. Changes numbers: no"
+        for command in (
+            "audit policy.safetensors --profile profile.toml --episodes 40 --seed 5 --out OUT/audit",
+            "audit verify report",
+        )
+    },
 }
-"""Commands whose numbers are others now, and the entry of the changelog that says so."""
+"""Commands whose answers are others now, and the entry of the changelog that says so."""
+
+CHANGED_STATUS = {"audit verify report": 3}
+"""Their exit statuses, where those are others too."""
 
 ROADS = ("intersection", "merge", "roundabout", "population", "train", "audit ")
 """Words of commands that take long."""
@@ -79,7 +89,7 @@ def test_command_gives_the_answer_of_its_version(command, tmp_path, monkeypatch)
     with contextlib.redirect_stdout(printed):
         status = main([*command.replace("OUT", str(out)).split(), "--json"])
     answer = json.loads(printed.getvalue().replace(str(out), "OUT"))
-    assert status == ANSWERS[command]["status"]
+    assert status == CHANGED_STATUS.get(command, ANSWERS[command]["status"])
     differences = _differences(ANSWERS[command]["answer"], answer)
     assert bool(differences) == (command in CHANGED), differences
 

@@ -112,7 +112,7 @@ def run(
             jobs = list(study.jobs(config))
             run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
             if study.more_jobs:
-                jobs += study.more_jobs(config, folder)
+                jobs += [job for job in study.more_jobs(config, folder) if job not in jobs]
                 run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
             findings = study.tables(config, Context(jobs, folder, on_stage))
     return Results.of(study.name, config, findings.tables, findings.summary, findings.files)
