@@ -68,10 +68,12 @@ def test_they_go_through_collect_evaluate_and_audit(tmp_path, monkeypatch, capsy
     assert found.mode_names == ("SAC", "TD3", "PPO") and found.action_size == 1
     assert main(["evaluate", *zips, "--world", world, "--episodes", "2", "--allow-code"]) == 0
     new = ["profile", "new", "--world", world, "--angle", "0", "--out", "p.toml"]
-    assert main([*new, "--margin", "100", "--allow-code"]) == 0
+    assert main([*new, "--margin", "1", "--allow-code"]) == 0
+    declared = Path("p.toml").read_text().replace("min_arrival = 0.0", "min_arrival = 0.5")
+    Path("p.toml").write_text(declared)
     audit = ["audit", "SAC.zip", "--profile", "p.toml", "--reference", "PPO.zip"]
     audit += ["--reference", "python:short_pole.py:still", "--isolation", "none", "--seed", "7"]
-    assert main([*audit, "--episodes", "20", "--out", "report", "--allow-code"]) == 0
+    assert main([*audit, "--episodes", "20", "--out", "report", "--allow-code"]) == 1
     record = json.loads(Path("report/report.json").read_text())["policy"]["record"]
     assert record["kind"] == "sb3" and record["action_size"] == 1
     capsys.readouterr()
