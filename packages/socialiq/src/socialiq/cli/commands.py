@@ -26,6 +26,7 @@ COMMANDS = {
     "view": "socialiq.cli.render:View",
     "collect": "socialiq.cli.data:Collect",
     "train iq-learn": "socialiq.cli.train.iq_learn:IQLearn",
+    "train dqn": "socialiq.cli.train.dqn:DQN",
     "train dial": "socialiq.cli.train.dial:Dial",
     "train driver": "socialiq.cli.train.driver:Driver",
     "train offline-dial": "socialiq.cli.train.dial:OfflineDial",
