@@ -1,6 +1,7 @@
 """`train dqn`: experts in every world of discrete actions, by one piece of code."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -35,8 +36,7 @@ def folder(tmp_path, monkeypatch):
 
 def trained(*words):
     assert main(["train", "dqn", *words, "--out", "run"]) == 0
-    with open("run/run.json") as file:
-        return json.load(file)
+    return json.loads(Path("run/run.json").read_text())
 
 
 def evaluated(capsys, *words):

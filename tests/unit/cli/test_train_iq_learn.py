@@ -1,6 +1,7 @@
 """`train iq-learn` takes the preset of its world, or of its demonstrations'."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -30,8 +31,7 @@ def test_the_intersection_has_its_own_preset(mixed, tmp_path, preset, kind, temp
 
 def trained(data, *words):
     assert main(["train", "iq-learn", str(data), "--updates", "1", *words, "--out", "run"]) == 0
-    with open("run/run.json") as file:
-        return json.load(file)["structure"]
+    return json.loads(Path("run/run.json").read_text())["structure"]
 
 
 def test_another_road_has_the_preset_of_roads(tmp_path, monkeypatch):

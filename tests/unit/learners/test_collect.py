@@ -137,5 +137,6 @@ def test_a_batch_of_a_world_is_a_source_of_whole_transitions():
     assert (after[:-1][goes_on] == before[1:][goes_on]).all()
     table = world.table()
     for index in np.argwhere(ending[..., 0] == Ending.TIMEOUT):
-        state, reached = (table.world.index(rows[tuple(index)].astype(int)) for rows in (before, after))
+        places = (column[tuple(index)].astype(int) for column in (before, after))
+        state, reached = map(table.world.index, places)
         assert reached in table.mdp.successor[state, 0]

@@ -149,14 +149,14 @@ def test_settings_of_experts_and_learners_reach_every_run_of_the_main_part():
         "learner.target_kind": "to_go",
     }
     planned = {job.name: job.config for job in jobs(changed(TINY, values))}
-    for name, run in planned.items():
+    for name, config in planned.items():
         if name.startswith("experts/"):
-            assert run.structure.through_timeouts
+            assert config.structure.through_timeouts
         if name.startswith("learners/"):
-            assert (run.structure.target_kind, run.numbers.temperature) == ("to_go", 0.5)
-            assert run.numbers.strength == 2.0
-    varied = {run.numbers.strength for name, run in planned.items() if name.startswith("strengths/")}
-    assert varied == {0.3, 1.0, 2.0, 3.0, 5.0, 10.0}
+            assert config.structure.target_kind == "to_go"
+            assert (config.numbers.temperature, config.numbers.strength) == (0.5, 2.0)
+    parts = [config for name, config in planned.items() if name.startswith("strengths/")]
+    assert {config.numbers.strength for config in parts} == {0.3, 1.0, 2.0, 3.0, 5.0, 10.0}
 
 
 @pytest.mark.parametrize(

@@ -333,7 +333,7 @@ def product_of(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[str, Figure]:
-    from socialiq_lab import figures
+    from socialiq.plotting import figures
 
     pictures = {}
     for figure in resolved(content.get("figure", []), SimpleNamespace(**results.config)):

@@ -41,6 +41,9 @@ COMMANDS = {
     "ensemble": "socialiq.cli.export:Ensemble",
     "unlikeness": "socialiq.cli.export:Score",
     "evaluate": "socialiq.cli.evaluate:Evaluate",
+    "plot ring": "socialiq.cli.plot:Ring",
+    "plot stops": "socialiq.cli.plot:Stops",
+    "plot sweep": "socialiq.cli.plot:Sweep",
     "effects": "socialiq.cli.effects:EffectsOf",
     "population": "socialiq.cli.population:Population",
     "stakeholders": "socialiq.cli.population:Stakeholders",
@@ -73,6 +76,7 @@ GROUPS = {
     "profile": "declarations for an audit",
     "data": "data sets and recorded traffic",
     "world": "worlds of other simulators",
+    "plot": "figures of the thesis, of your own policies",
     "train": "learners: the first word, iq-learn if it is a file",
 }
 """First words that need a second one, and the subject of their commands."""

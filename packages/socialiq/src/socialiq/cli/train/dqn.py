@@ -1,4 +1,4 @@
-"""`train dqn`: experts by deep Q-learning on R(α), in any world of discrete actions (thesis 5.2)."""
+"""`train dqn`: experts by deep Q-learning on R(α), in any world of discrete actions (5.2)."""
 
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
@@ -34,9 +34,9 @@ class DQN(shared.Training):
     _: KW_ONLY
     out: shared.Out
     preset: str = ""
-    """Settings to begin with: ours (default; double Q-learning, batches of 256), thesis (5.2: single
-    Q-learning, batches of 32, --set through_timeouts=true), both of 5,000,000 steps; grid (default
-    of a gridworld; seconds)."""
+    """Settings to begin with: ours (default; double Q-learning, batches of 256) or thesis (5.2:
+    single Q-learning, batches of 32, through_timeouts=true), each of 5,000,000 steps; grid (default
+    in a gridworld; seconds)."""
     allow_code: bool = False
     """Import the environment's module: its author's code runs with your rights."""
     grid: shared.PlainGrid = field(default_factory=shared.PlainGridOptions)
