@@ -199,7 +199,11 @@ def ring(marks: Sequence[Mark], title: str) -> Figure:
         axes.text(0.82 * x, 0.82 * y, f"{degrees}°", ha="center", va="center", color="#888888")
     for number, mark in enumerate(marks):
         color = COLORS.get(mark.name, PALETTE[number % len(PALETTE)])
-        style = {"marker": MARKS.get(mark.name, "o"), "markeredgecolor": color, "linestyle": "none"}
+        style: dict[str, Any] = {
+            "marker": MARKS.get(mark.name, "o"),
+            "markeredgecolor": color,
+            "linestyle": "none",
+        }
         if mark.spread is not None:
             arc = _arc(*mark.spread, _ARC - number * _ARC_STEP)
             axes.plot(*arc, color=color, linewidth=2.2, solid_capstyle="round")
