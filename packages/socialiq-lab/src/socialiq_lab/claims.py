@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 from socialiq import UserError
 from socialiq.errors import one_of
 from socialiq.storage import read_json
+from socialiq_lab import claim_spreads
 
 VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
 """`adopted`: our code takes the setting from the thesis, so that its equality shows nothing."""
@@ -61,6 +62,7 @@ def ledger(results: Path) -> list[dict[str, Any]]:
     content = tomllib.loads(text)
     cause_of = {name: cause for cause, names in content["failing"].items() for name in names}
     summaries = Summaries(results)
+    by_id = {claim["id"]: claim for claim in content["claim"]}
     rows = []
     for claim in content["claim"]:
         one_of("verdict", claim["verdict"], VERDICTS)
@@ -76,6 +78,8 @@ def ledger(results: Path) -> list[dict[str, Any]]:
             | {"cause": content["causes"].get(cause_of.get(claim["id"]), "")}
             | matched(claim, summaries)
         )
+        if "spreads_of" in claim:
+            rows[-1] |= claim_spreads.compared(claim, by_id, summaries.at)
     return rows
 
 
