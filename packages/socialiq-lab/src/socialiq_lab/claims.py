@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 from socialiq import UserError
 from socialiq.errors import one_of
+from socialiq.results_folder import from_csv
 from socialiq.storage import read_json
 from socialiq_lab import claim_spreads
 
@@ -30,7 +31,8 @@ VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
 
 _REPRODUCE = (
     "poc", "grid", "lambda-sweep", "worlds", "alternatives", "penalties", "intersection-world",
-    "compare-priors", "audits", "poison",
+    "compare-priors", "audits", "poison", "intersection-continuous", "crosswalk",
+    "crosswalk-intersection", "population", "misuse",
 )  # fmt: skip
 _COMMANDS = {name: f"socialiq reproduce {name}" for name in _REPRODUCE} | {
     "intersection": "socialiq reproduce intersection --set parts=main",
@@ -139,8 +141,9 @@ class Summaries:
 
         Args:
             study: Name of the study's folder.
-            path: Keys of its `summary.json`, or of its `config.json` if the first is `config`. The
-                items of a list are numbered from 0; a dot inside a key is written as a comma.
+            path: Keys of its `summary.json`, of its `config.json` if the first is `config`, or
+                `table`, the name of a CSV, a row and a column. The items of a list and rows are
+                numbered from 0; a dot inside a key is written as a comma.
 
         Returns:
             The value as JSON holds it.
@@ -148,12 +151,15 @@ class Summaries:
         Raises:
             UserError: If the file can't be read, or does not have the path.
         """
-        is_config = path.startswith("config.")
-        file = self.results / study / ("config.json" if is_config else "summary.json")
+        keys = path.split(".")
+        file = self.results / study / ("config.json" if keys[0] == "config" else "summary.json")
+        if keys[0] == "table":
+            file = file.with_name(f"{keys[1]}.csv")
+            del keys[:2]
         if file not in self.read:
-            self.read[file] = read_json(file)
+            self.read[file] = from_csv(file) if file.suffix == ".csv" else read_json(file)
         value = self.read[file]
-        for key in path.split("."):
+        for key in keys:
             try:
                 if isinstance(value, list):
                     value = value[int(key)]
