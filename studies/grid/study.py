@@ -1,6 +1,5 @@
 """Exact tables, summary and figures of the 7x7 study, which complete the policies' metrics."""
 
-import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -8,9 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.evaluation import exact, rollout
-from socialiq.mdp.horizon import horizon_evaluation
+from socialiq.evaluation.stops import stop_rows, visited
 from socialiq.plotting.style import COLORS, Mark, ring
-from socialiq.results_folder import Results
+from socialiq.plotting.thesis import stop_maps
+from socialiq.results_folder import Results, where
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.declared import State
@@ -59,28 +59,13 @@ def _visited(state: State) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
             table = exact.action_table(learned.policy, ground.part, "greedy")
             tables.setdefault(name, []).append(table)
     for name, of_seeds in tables.items():
-        table = np.mean(of_seeds, axis=0)
-        horizon = ground.part.world.horizon
-        yield name, table, horizon_evaluation(ground.part.mdp, table, horizon).visits.sum(axis=1)
+        yield name, *visited(ground.part, np.mean(of_seeds, axis=0))
 
 
 def heatmap_rows(state: State) -> list[Row]:
-    """Return P(STOP) in the cell before the conflict by the vehicles' positions (Figs 6.3, 6.4).
-
-    `weighted` by the policy's visits, empty without; `unweighted` over all reachable states.
-    """
-    states = state.ground.part.states
-    rows = []
-    for name, table, visits in _visited(state):
-        for y_1, y_2 in itertools.product(range(-1, 7), repeat=2):
-            chosen = (states[:, 0] == 2) & (states[:, 2] == y_1) & (states[:, 4] == y_2)
-            if chosen.any():
-                weight = float(visits[chosen].sum())
-                stop = table[chosen, 0]
-                weighted = float(visits[chosen] @ stop) / weight if weight > 1e-9 else ""
-                label = {"policy": name, "y_1": y_1, "y_2": y_2, "visits": weight}
-                rows.append(label | {"weighted": weighted, "unweighted": float(stop.mean())})
-    return rows
+    """Return P(STOP) by the vehicles' places of each policy (Figs 6.3, 6.4)."""
+    part = state.ground.part
+    return [row for shown in _visited(state) for row in stop_rows(part, *shown)]
 
 
 def distance_rows(state: State) -> list[Row]:
@@ -187,3 +172,19 @@ def ring_figure(results: Results) -> dict[str, Figure]:
     title = "All policies but the prosocial one show the thesis' angle in the 7x7 world"
     title = f"{title}\n(greedy, {seeds} seeds; open marks: thesis)"
     return {"fig_6_2_ring": ring(marks, title)}
+
+
+def map_figures(results: Results) -> dict[str, Figure]:
+    """Draw Figs 6.3 and 6.4: where the experts and the learned policies stop."""
+    titles = {
+        "fig_6_3_experts": "above by the policy's visits, below over all reachable states",
+        "fig_6_4_learned": "Where it comes, the egoistic learner does not stop, the altruistic one "
+        "does (before the conflict; above: by visits, below: all reachable states)",
+    }
+    names = [f"expert {mode}" for mode in rollout.MODES], list(COLORS)
+    rows = results.tables["heatmaps"]
+    pictures = {
+        figure: stop_maps(where(rows, {"policy": shown}), title)
+        for (figure, title), shown in zip(titles.items(), names, strict=True)
+    }
+    return {figure: picture for figure, picture in pictures.items() if picture}

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 from typing import Any
 
 from socialiq.demonstrations.mixture import MIXTURES
-from socialiq.errors import one_of
+from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.iq_learn import config as presets
-from socialiq.settings import changed
+from socialiq.settings import changed, laid_over
 from socialiq.types import Row
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
@@ -31,6 +31,27 @@ PRESETS = {
 TRAINED = (("thesis", "online"), ("calibrated", "online"), ("calibrated", "offline"))
 SHIPPED = ("calibrated", "online")
 """Group whose learners are drawn beside the thesis' and included in the atlas."""
+
+
+EXPERT = (dqn.DQNConfig(), dqn.DQNHyperparameters())
+DECIDED = ("angle", "dataset", "online", "seed", "steps", "updates")
+"""Settings of experts and learners that the study decides, by settings of its own or by rows."""
+
+
+def check(config: Any) -> None:
+    """Refuse, by a `UserError`, settings of experts or learners that they lack or that are decided.
+
+    Args:
+        config: Configuration of the study.
+    """
+    for kind, of_kind in (("expert", EXPERT), ("learner", PRESETS["thesis"])):
+        values = getattr(config, kind)
+        for name in values.keys() & {*DECIDED}:
+            raise UserError(
+                f"{kind}.{name} is decided by the study: choose parts, seeds, expert_seed, "
+                "expert_steps or updates"
+            )
+        laid_over(of_kind, values, DECIDED)
 
 
 def jobs(config: Any) -> list[Job]:
@@ -107,7 +128,8 @@ def trainings(config: Any) -> Iterator[Job]:
         names: list[str] = []
         for values in product_of(resolved(declared["each"], config)):
             row = resolved(declared, SimpleNamespace(**{**vars(config), **half, **values}))
-            run = learner_run(config, row, values) if is_learner else expert_run(row, values)
+            run_of = learner_run if is_learner else expert_run
+            run = run_of(config, row, values)
             work = train_learner if is_learner else train_expert
             inputs = (driving.DEMONSTRATIONS,) if is_learner else ()
             names.append(row["name"].format(**values))
@@ -117,27 +139,29 @@ def trainings(config: Any) -> Iterator[Job]:
             yield Job(driving.DEMONSTRATIONS, driving.record_experts, recording, experts, 20.0)
 
 
-def expert_run(row: Row, values: Mapping[str, Any]) -> ExpertRun:
+def expert_run(config: Any, row: Row, values: Mapping[str, Any]) -> ExpertRun:
     """Return the run of an expert.
 
     Args:
+        config: Configuration of the study; what a training changes goes before its `expert`.
         row: The declared training, with the values of this run.
         values: These values by name, `mode` among them or not.
     """
     angle = {"angle": MODES[values["mode"]]} if "mode" in values else {}
-    structure = changed(dqn.DQNConfig(), row["static"])
-    return ExpertRun(structure, changed(dqn.DQNHyperparameters(), row["numbers"] | angle))
+    structure, numbers = laid_over(EXPERT, config.expert)
+    structure = changed(structure, row["static"])
+    return ExpertRun(structure, changed(numbers, row["numbers"] | angle))
 
 
 def learner_run(config: Any, row: Row, values: Mapping[str, Any]) -> LearnerRun:
     """Return the run of a learner, towards a mode's angle, or of the baseline.
 
     Args:
-        config: Configuration of the study.
+        config: Configuration of the study; what a training changes goes before its `learner`.
         row: The declared training, with the values of this run.
         values: These values by name.
     """
-    structure, numbers = PRESETS[row["preset"]]
+    structure, numbers = laid_over(PRESETS[row["preset"]], config.learner)
     structure = changed(structure, row["static"])
     if row.get("setting") == "offline":
         structure = presets.offline(structure)

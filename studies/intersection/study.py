@@ -30,6 +30,7 @@ from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, View
 from socialiq_lab.tables import groups, matching, nested, numeric_means
 from studies.intersection import plan
+from studies.intersection.plan import check as check
 from studies.intersection.plan import jobs
 
 READOUTS = ("greedy", "soft")

@@ -1,18 +1,18 @@
 """Adaptation in the λ sweep: updates until a run's angle stays near the optimum's (Fig D.1)."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from socialiq.plotting.thesis import WITHIN, adaptation, settled
+from socialiq.results_folder import Results
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 from socialiq_lab.declared import State
 from socialiq_lab.tables import column, labelled, matching
 
 KEYS = ("target_kind", "strength", "readout")
-WITHIN = 20.0
-"""Largest distance in degrees from the optimum's angle of a run that has adapted (Fig D.1)."""
 
 
 def optimum_angle(state: State) -> float:
@@ -38,21 +38,6 @@ def adaptation_rows(state: State) -> list[Row]:
     return table
 
 
-def settled(updates: Sequence[int], near: Sequence[bool]) -> int | str:
-    """Return the first update from which on all angles are near the optimum's.
-
-    Args:
-        updates: Numbers of updates of the checkpoints, rising.
-        near: Whether the angle of each checkpoint is near.
-
-    Returns:
-        Number of updates, or an empty string if the last angle is not near.
-    """
-    away = [number for number, close in enumerate(near) if not close]
-    after = away[-1] + 1 if away else 0
-    return updates[after] if after < len(updates) else ""
-
-
 def summary(state: State) -> dict[str, Any]:
     """Return pooled metrics and number of adapted seeds by variant, action selection and λ."""
     variants: dict[str, dict] = {}
@@ -73,3 +58,11 @@ def summary(state: State) -> dict[str, Any]:
         }
     seeds = len(state.config.seeds)
     return {"optimum_angle": optimum_angle(state), "seeds": seeds, "readings": variants}
+
+
+def adaptation_figure(results: Results) -> dict[str, Figure]:
+    """Draw Fig D.1 of the greedy policies with the first kind of target."""
+    shown = {"target_kind": results.config["target_kinds"][0], "readout": "greedy"}
+    rows = matching(results.tables["checkpoints"], **shown)
+    title = "Small λ leaves the greedy policy as without a prior, large λ turns it at once"
+    return {"fig_d_1": adaptation(rows, title, results.summary["optimum_angle"])}

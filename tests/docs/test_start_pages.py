@@ -34,3 +34,19 @@ def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
         assert not lacks_maps or "socialiq-recordings[maps]" in printed.err
     assert Path("dial-page/index.html").exists() and Path("audit/report.html").exists()
     assert {path.suffix for path in Path().glob("episode.*")} == {".gif", ".png"}
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_thesis_learner_s_page_run(tmp_path, monkeypatch, capsys):
+    """Those of the gridworld as they stand, those of the intersection shorter."""
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "regularised-iq-learn.md").read_text()
+    commands = re.findall(r"^\$ socialiq (.*)$", text, re.MULTILINE)
+    assert len(commands) == 12
+    for command in commands:
+        words = [word.replace("1000", "20").replace("500", "20") for word in shlex.split(command)]
+        fewer = ["--updates", "2"] if words[0] == "train" and "intersection" in words else []
+        assert main([*words, *fewer]) == 0, capsys.readouterr().err
+    assert {path.name for path in Path().glob("*.png")} == {
+        f"{name}.png" for name in ("ring", "stops", "sweep", "roads")
+    }

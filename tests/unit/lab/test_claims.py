@@ -3,8 +3,10 @@ import json
 import re
 import tomllib
 
+import numpy as np
 import pytest
 
+from socialiq import results_folder
 from socialiq.errors import UserError
 from socialiq.storage import packaged_results
 from socialiq_lab import claims
@@ -88,6 +90,49 @@ def test_claims_about_social_impact_have_the_second_measure(rows):
     zone = caused.at("influence-zone", "zones.intersection")
     wide = min(zone["recall_hand"], zone["precision_hand"]) > 0.5
     assert by_id["5.1.3-influence-zone"] == ("reproduced" if wide else "not")
+
+
+def test_verdicts_on_chapters_8_and_9_follow_from_the_results(rows):
+    verdicts = {row["id"]: row["verdict"] for row in rows}
+    at = claims.Summaries(packaged_results()).at
+
+    def column(study, table, name, **conditions):
+        rows = results_folder.load(packaged_results() / study).tables[table]
+        return [row[name] for row in results_folder.where(rows, conditions)]
+
+    modes = ("egoistic", "prosocial", "altruistic")
+    place = "table_6_2.calibrated_online_greedy"
+    falls = all(
+        np.all(np.diff([at("intersection", f"{place}.{mode}.{rate}.ours") for mode in modes]) < 0)
+        for rate in ("collision", "arrival")
+    )
+    assert (verdicts["9.3-alpha-dictates-rates"] == "reproduced") == falls
+    cells = {"angle": 90.0, "class_angle": [0.0, 90.0]}
+    cars, people = column("crosswalk-intersection", "prices", "pedestrian_delay_low", **cells)
+    (egoist,) = column(
+        "crosswalk-intersection", "prices", "pedestrian_delay_high", angle=0.0, class_angle=0.0
+    )
+    obstructs = cars > egoist > people
+    assert (verdicts["9.3-withdrawn-obstructs-pedestrians"] == "reproduced") == obstructs
+    fleets = {"dial": "Eq 4.2", "spawn_probability": 0.6}
+    arrivals = column("population", "fleets", "arrival", **fleets)
+    egoists_are_worst = arrivals[0] == min(arrivals)
+    helped = max(arrivals) > arrivals[0]
+    assert verdicts["9.4-egoists-suboptimal"] == ("reproduced" if egoists_are_worst else "partly")
+    assert helped
+    invaded = {"resident": 60.0, "invader": 0.0}
+    gains = {
+        dial: column("population", "invasions", "gain_low", dial=dial, **invaded)[0] > 0
+        for dial in ("Eq 4.2", "effects", "self-play 501")
+    }
+    assert verdicts["9.4-prosocial-exploited"] == (
+        "reproduced" if all(gains.values()) else "partly"
+    )
+    assert any(gains.values())
+    resisted = at("misuse", "quiet.worst.extra_low") <= 0
+    assert (verdicts["9.5-no-mechanism"] == "reproduced") == (not resisted)
+    gaps = [at("caused-effects", f"expert_{mode}.gap_below_1_s") for mode in modes]
+    assert (verdicts["9.5-externalised"] == "reproduced") == (gaps == sorted(gaps, reverse=True))
 
 
 def test_numeric_verdicts_follow_from_the_numbers(rows):

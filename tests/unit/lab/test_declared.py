@@ -6,6 +6,7 @@ import tomllib
 from types import SimpleNamespace
 
 import pytest
+from socialiq_lab.figures import draw
 
 from socialiq.errors import UserError
 from socialiq.learners.dial.config import INTERSECTION
@@ -13,7 +14,6 @@ from socialiq.results_folder import Results
 from socialiq.settings import assignments, changed
 from socialiq_lab import registry
 from socialiq_lab.declared import KEYS, KINDS, config_class, declared_study, resolved, variants
-from socialiq_lab.figures import draw
 from socialiq_lab.study import Context, Findings, silent
 from socialiq_lab.tables import derived, paired_table, where
 

@@ -9,7 +9,7 @@ import pytest
 import socialiq  # noqa: F401 - registers the worlds
 from socialiq.errors import UserError
 from socialiq.learners.acting import soft
-from socialiq.learners.collect import Collector, from_env
+from socialiq.learners.collect import Collector, from_env, from_simulator
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import IQLearnConfig, IQLearnHyperparameters
 from socialiq.learners.iq_learn.train import IQLearn, train
@@ -123,3 +123,20 @@ def test_an_online_run_trains_on_what_is_collected(demonstrations):
     assert found.failures == ()
     assert found.history.updates == [20, 40]
     assert all(np.isfinite(found.history.array(name)).all() for name in found.history.values)
+
+
+def test_a_batch_of_a_world_is_a_source_of_whole_transitions():
+    """Rows of an episode follow one another, also through the step at which time ran out."""
+    world = registry.make("crossing7")
+    source = from_simulator(world.batch(3), world.n_features, 300)
+    batch = source(lambda observation: np.zeros(len(observation), int), np.random.default_rng(0))
+    rows = [np.asarray(column).reshape(100, 3, -1) for column in batch[:4]]
+    before, _, after, ending = rows
+    assert set(np.unique(ending)) == {Ending.NONE, Ending.TIMEOUT}
+    goes_on = (ending[:-1] == Ending.NONE)[..., 0]
+    assert (after[:-1][goes_on] == before[1:][goes_on]).all()
+    table = world.table()
+    for index in np.argwhere(ending[..., 0] == Ending.TIMEOUT):
+        places = (column[tuple(index)].astype(int) for column in (before, after))
+        state, reached = map(table.world.index, places)
+        assert reached in table.mdp.successor[state, 0]

@@ -137,3 +137,39 @@ def test_the_whole_plan_has_jobs_of_distinct_names_after_their_inputs():
 def test_a_wrong_configuration_is_refused(values, line):
     with pytest.raises(UserError, match=line):
         jobs(Config(**values))
+
+
+def test_settings_of_experts_and_learners_reach_every_run_of_the_main_part():
+    """A part that varies a setting keeps its own values of it."""
+    values = {
+        "parts": "main,strengths",
+        "expert.through_timeouts": "true",
+        "learner.strength": "2",
+        "learner.temperature": "0.5",
+        "learner.target_kind": "to_go",
+    }
+    planned = {job.name: job.config for job in jobs(changed(TINY, values))}
+    for name, config in planned.items():
+        if name.startswith("experts/"):
+            assert config.structure.through_timeouts
+        if name.startswith("learners/"):
+            assert config.structure.target_kind == "to_go"
+            assert (config.numbers.temperature, config.numbers.strength) == (0.5, 2.0)
+    parts = [config for name, config in planned.items() if name.startswith("strengths/")]
+    assert {config.numbers.strength for config in parts} == {0.3, 1.0, 2.0, 3.0, 5.0, 10.0}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "line"),
+    [
+        ("learner.lambda", "2", "there is no setting lambda: choose one of"),
+        ("learner.temperature", "hot", "temperature must be a number, got 'hot'"),
+        ("learner.target_kind", "none", "unknown target_kind 'none': choose one of running, to_go"),
+        ("learner", "3", r"write learner\.KEY=VALUE"),
+        ("learner.updates", "4", r"learner\.updates is decided by the study"),
+        ("expert.nosuch", "1", "there is no setting nosuch: choose one of activation, batch_size"),
+    ],
+)
+def test_a_wrong_setting_of_a_learner_is_refused_before_any_work(key, value, line):
+    with pytest.raises(UserError, match=line):
+        changed(Config(), {key: value})

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.social.angle import exact_weights, score, weights
 from socialiq.types import Ending
+from socialiq.worlds.crossing5 import CONFLICT
 from socialiq.worlds.tabular_policy import expert_policy
 
 WAIT, GO = 0, 1
@@ -126,3 +128,17 @@ def test_speed_is_the_distance_moved(tabulated):
     on_road = table.states[:, 0] < 4
     np.testing.assert_array_equal(table.speed[on_road], [[0.0, 1.0]] * 20)
     np.testing.assert_array_equal(table.speed[~on_road], [[0.0, 0.0]] * 5)
+
+
+@pytest.mark.parametrize("reach", [(1,), (0, 1), (0, 1, 2)])
+def test_a_zone_gives_the_sequences_of_fig_6_1_too(reach, table5):
+    """The other car's steps are charged only while the ego is in the zone and it is in reach."""
+    ego, other = table5.states[:, 0], table5.states[:, 3]
+    in_zone = np.isin(ego, (CONFLICT - 1, CONFLICT)) & np.isin(other, reach)
+    social = (
+        10.0 * table5.signals["other_arrival"] - table5.signals["other_step"] * in_zone[:, None]
+    )
+    assert (social != table5.mdp.rewards.social).any()
+    rewards = table5.mdp.rewards._replace(social=social)
+    zoned = replace(table5, mdp=replace(table5.mdp, rewards=rewards))
+    assert sequences(zoned) == THESIS

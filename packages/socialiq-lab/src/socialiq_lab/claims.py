@@ -22,14 +22,17 @@ from typing import Any, NamedTuple
 
 from socialiq import UserError
 from socialiq.errors import one_of
+from socialiq.results_folder import from_csv
 from socialiq.storage import read_json
+from socialiq_lab import claim_spreads
 
 VERDICTS = ("reproduced", "adopted", "partly", "not", "untested")
 """`adopted`: our code takes the setting from the thesis, so that its equality shows nothing."""
 
 _REPRODUCE = (
     "poc", "grid", "lambda-sweep", "worlds", "alternatives", "penalties", "intersection-world",
-    "compare-priors", "audits", "poison",
+    "compare-priors", "audits", "poison", "intersection-continuous", "crosswalk",
+    "crosswalk-intersection", "population", "misuse",
 )  # fmt: skip
 _COMMANDS = {name: f"socialiq reproduce {name}" for name in _REPRODUCE} | {
     "intersection": "socialiq reproduce intersection --set parts=main",
@@ -61,6 +64,7 @@ def ledger(results: Path) -> list[dict[str, Any]]:
     content = tomllib.loads(text)
     cause_of = {name: cause for cause, names in content["failing"].items() for name in names}
     summaries = Summaries(results)
+    by_id = {claim["id"]: claim for claim in content["claim"]}
     rows = []
     for claim in content["claim"]:
         one_of("verdict", claim["verdict"], VERDICTS)
@@ -76,6 +80,8 @@ def ledger(results: Path) -> list[dict[str, Any]]:
             | {"cause": content["causes"].get(cause_of.get(claim["id"]), "")}
             | matched(claim, summaries)
         )
+        if "spreads_of" in claim:
+            rows[-1] |= claim_spreads.compared(claim, by_id, summaries.at)
     return rows
 
 
@@ -135,8 +141,9 @@ class Summaries:
 
         Args:
             study: Name of the study's folder.
-            path: Keys of its `summary.json`, or of its `config.json` if the first is `config`. The
-                items of a list are numbered from 0; a dot inside a key is written as a comma.
+            path: Keys of its `summary.json`, of its `config.json` if the first is `config`, or
+                `table`, the name of a CSV, a row and a column. The items of a list and rows are
+                numbered from 0; a dot inside a key is written as a comma.
 
         Returns:
             The value as JSON holds it.
@@ -144,12 +151,15 @@ class Summaries:
         Raises:
             UserError: If the file can't be read, or does not have the path.
         """
-        is_config = path.startswith("config.")
-        file = self.results / study / ("config.json" if is_config else "summary.json")
+        keys = path.split(".")
+        file = self.results / study / ("config.json" if keys[0] == "config" else "summary.json")
+        if keys[0] == "table":
+            file = file.with_name(f"{keys[1]}.csv")
+            del keys[:2]
         if file not in self.read:
-            self.read[file] = read_json(file)
+            self.read[file] = from_csv(file) if file.suffix == ".csv" else read_json(file)
         value = self.read[file]
-        for key in path.split("."):
+        for key in keys:
             try:
                 if isinstance(value, list):
                     value = value[int(key)]

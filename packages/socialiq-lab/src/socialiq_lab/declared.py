@@ -118,6 +118,8 @@ def config_class(
             if not value or len({type(item) for item in value}) > 1:
                 raise UserError(f"{name}: {key} must be a list of equal types, and not empty")
             fields.append((key, tuple[type(value[0]), ...], tuple(value)))
+        elif value == {}:  # values by name, which the study's `check` refuses or takes
+            fields.append((key, dict, dataclasses.field(default_factory=dict)))
         elif isinstance(value, bool | int | float | str) or dataclasses.is_dataclass(value):
             fields.append((key, type(value), value))
         else:
@@ -331,7 +333,7 @@ def product_of(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[str, Figure]:
-    from socialiq_lab import figures
+    from socialiq.plotting import figures
 
     pictures = {}
     for figure in resolved(content.get("figure", []), SimpleNamespace(**results.config)):

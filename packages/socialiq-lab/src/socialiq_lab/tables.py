@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.errors import one_of
+from socialiq.results_folder import as_text, where
 from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.statistics.intervals import normal_mean
 from socialiq.types import Row
@@ -44,25 +44,6 @@ def over_seeds(name: str, runs: Sequence[np.ndarray]) -> Row:
 def matching(rows: Sequence[Row], **columns: Any) -> list[Row]:
     """Return the rows that have these values."""
     return [row for row in rows if all(row[key] == value for key, value in columns.items())]
-
-
-def where(rows: Sequence[Row], conditions: Mapping[str, Any]) -> list[Row]:
-    """Return the rows that meet every condition.
-
-    Args:
-        rows: Rows with equal columns.
-        conditions: Value of a column, or a list of its possible values, by name of the column.
-
-    Raises:
-        UserError: If a column is unknown.
-    """
-    for name in conditions if rows else ():
-        one_of("column", name, tuple(rows[0]))
-    allowed = {
-        name: list(value) if isinstance(value, list | tuple) else [value]
-        for name, value in conditions.items()
-    }
-    return [row for row in rows if all(row[name] in values for name, values in allowed.items())]
 
 
 def derived(specification: Mapping[str, Any], tables: Mapping[str, list[Row]], ground: Any) -> Any:
@@ -270,11 +251,6 @@ def pivoted(rows: Sequence[Row], by: str, across: str, value: str) -> list[Row]:
     for (first, second), group in groups(rows, by, across).items():
         result.setdefault(first, {by: first})[as_text(second)] = mean(group, value)
     return list(result.values())
-
-
-def as_text(value: Any) -> str:
-    """Return a value of a column as a key or a word: a float as short as it can be."""
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def options_name(options: Mapping[str, Any]) -> str:

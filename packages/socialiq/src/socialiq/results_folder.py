@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from socialiq import provenance
-from socialiq.errors import UserError
+from socialiq.errors import UserError, one_of
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.storage import open_csv, read_json, shipped, write_atomically, write_json
 from socialiq.to_json import rounded, to_json
@@ -156,3 +156,27 @@ def _cell(text: str) -> Any:
         except ValueError:
             continue
     return text
+
+
+def where(rows: Sequence[Row], conditions: Mapping[str, Any]) -> list[Row]:
+    """Return the rows that meet every condition.
+
+    Args:
+        rows: Rows with equal columns.
+        conditions: Value of a column, or a list of its possible values, by name of the column.
+
+    Raises:
+        UserError: If a column is unknown.
+    """
+    for name in conditions if rows else ():
+        one_of("column", name, tuple(rows[0]))
+    allowed = {
+        name: list(value) if isinstance(value, list | tuple) else [value]
+        for name, value in conditions.items()
+    }
+    return [row for row in rows if all(row[name] in values for name, values in allowed.items())]
+
+
+def as_text(value: Any) -> str:
+    """Return a value of a column as a key or a word: a float as short as it can be."""
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -27,7 +27,7 @@ def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
     Args:
         config: The dataclass.
         values: Values by name of the field, of the field's type or as text. A field of a dataclass
-            below is named with a dot, or by a mapping in its place.
+            below is named with a dot, or by a mapping in its place; so is a key of a mapping.
 
     Returns:
         A new dataclass; every field that is not named keeps its value.
@@ -53,6 +53,11 @@ def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
                 below_names = ", ".join(f"{first}.{name}" for name, _ in _leaves(before))
                 raise UserError(f"{first} has settings of its own: choose one of {below_names}")
             changes[first] = changed(before, inner)
+        elif isinstance(before, Mapping):
+            inner = {below: value} if below else value
+            if not isinstance(inner, Mapping):
+                raise UserError(f"{first} takes settings by name: write {first}.KEY=VALUE")
+            changes[first] = {**before, **inner}
         elif below:
             raise UserError(f"there is no setting {name}: {first} has no settings of its own")
         else:

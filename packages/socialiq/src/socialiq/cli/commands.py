@@ -26,6 +26,7 @@ COMMANDS = {
     "view": "socialiq.cli.render:View",
     "collect": "socialiq.cli.data:Collect",
     "train iq-learn": "socialiq.cli.train.iq_learn:IQLearn",
+    "train dqn": "socialiq.cli.train.dqn:DQN",
     "train dial": "socialiq.cli.train.dial:Dial",
     "train driver": "socialiq.cli.train.driver:Driver",
     "train offline-dial": "socialiq.cli.train.dial:OfflineDial",
@@ -40,6 +41,9 @@ COMMANDS = {
     "ensemble": "socialiq.cli.export:Ensemble",
     "unlikeness": "socialiq.cli.export:Score",
     "evaluate": "socialiq.cli.evaluate:Evaluate",
+    "plot ring": "socialiq.cli.plot:Ring",
+    "plot stops": "socialiq.cli.plot:Stops",
+    "plot sweep": "socialiq.cli.plot:Sweep",
     "effects": "socialiq.cli.effects:EffectsOf",
     "population": "socialiq.cli.population:Population",
     "stakeholders": "socialiq.cli.population:Stakeholders",
@@ -72,6 +76,7 @@ GROUPS = {
     "profile": "declarations for an audit",
     "data": "data sets and recorded traffic",
     "world": "worlds of other simulators",
+    "plot": "figures of the thesis, of your own policies",
     "train": "learners: the first word, iq-learn if it is a file",
 }
 """First words that need a second one, and the subject of their commands."""

@@ -116,19 +116,20 @@ def with_one_ego(written: Written) -> World:
     return world
 
 
-def world_of(written: Written, allow_code: bool = False) -> World:
+def world_of(written: Written, allow_code: bool = False, needs_pair: bool = True) -> World:
     """Return the world that is written, of one ego: of this package, or an environment.
 
     Args:
         written: The world.
         allow_code: Whether the module of an environment may be imported.
+        needs_pair: Whether an environment must give a pair; else a scalar reward is r_env.
 
     Raises:
         UserError: If it has several agents, or an environment can't be made or gives no pair.
     """
     if written.is_built or not is_environment(written.name):
         return with_one_ego(written)
-    return Environment.of(written.name, written.options, allow_code)
+    return Environment.of(written.name, written.options, allow_code, needs_pair)
 
 
 def driver_of(

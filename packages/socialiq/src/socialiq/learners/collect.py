@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -234,6 +235,38 @@ def from_vector_env(
     def source(act: Act, rng: np.random.Generator) -> Batch:
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
         rows = _stepped(env, observation, act, -(-steps // env.num_envs))
+        return _batch(np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
+
+    return source
+
+
+def from_simulator(simulator: Any, n_features: int, steps: int) -> Source:
+    """Return a source of the episodes of any world's batch, with discrete actions.
+
+    Args:
+        simulator: Episodes side by side, a `worlds.world.Simulator`.
+        n_features: Length of an observation; one more than the world's ends with the time.
+        steps: Steps of a chunk, of all episodes together.
+
+    Returns:
+        The source; its rows are in the order of the steps, all episodes of a step together.
+    """
+    reader = SimpleNamespace(n_features=n_features)
+
+    def source(act: Act, rng: np.random.Generator) -> Batch:
+        simulator.reset(rng.integers(2**31, size=simulator.size))
+        rows: list[tuple[Any, ...]] = []
+        for _ in range(-(-steps // simulator.size)):
+            observation = np.array(simulator.seen_by(reader))
+            action = np.asarray(act(observation))
+            step = simulator.step(action, auto_reset=False)
+            after = np.array(simulator.seen_by(reader))
+            # An environment of other code, a batch of one, has rewards that are no arrays.
+            facts = (np.array(column, ndmin=1) for column in (step.ending, *step.rewards))
+            rows.append((observation, action, after, *facts))
+            over = np.flatnonzero(step.ending)
+            if len(over):
+                simulator.reset(rng.integers(2**31, size=len(over)), rows=over)
         return _batch(np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
 
     return source

@@ -70,6 +70,26 @@ class DQNHyperparameters(settings.Exploration):
     """γ."""
 
 
+PRESETS = {
+    "ours": (DQNConfig(), DQNHyperparameters()),
+    "thesis": (
+        DQNConfig(double=False, batch_size=32, through_timeouts=True),
+        DQNHyperparameters(exploration_fall=0.1),
+    ),
+    "grid": (
+        DQNConfig(
+            hidden=(64, 64),
+            batch_size=64,
+            steps=240_000,
+            steps_per_update=12,
+            replay_capacity=100_000,
+        ),
+        DQNHyperparameters(learning_rate=1e-3),
+    ),
+}
+"""Settings of experts: ours at the intersection; thesis 5.2, and where it prints nothing the
+defaults of Stable-Baselines3, which go through timeouts; and those of a gridworld."""
+
 Scalar = Float[Array, ""]
 
 

@@ -22,6 +22,7 @@ COLORS = {
     "prosocial": "#2166ac",
     "altruistic": "#1b7837",
 }
+PALETTE = ("#2166ac", "#c23b22", "#1b7837", "#e08214", "#762a83", "#888888", "#1f9e89", "#d6604d")
 SMALLEST = 7.0  # points of text on a page
 PAGE = 7.6  # inches of width of a page of the documentation, which shrinks wider figures
 MARKS = {"baseline": "s", "egoistic": "^", "prosocial": "o", "altruistic": "D"}
@@ -165,7 +166,7 @@ class Mark(NamedTuple):
     """A policy on the ring; angles in degrees.
 
     Attributes:
-        name: Key of its colour and mark.
+        name: Key of its colour and mark; another name has a colour of `PALETTE`.
         angle: Our angle.
         label: Text of its legend entry.
         thesis: The thesis' angle, if it prints one.
@@ -197,14 +198,22 @@ def ring(marks: Sequence[Mark], title: str) -> Figure:
         y = np.sin(np.radians(degrees))
         axes.text(0.82 * x, 0.82 * y, f"{degrees}°", ha="center", va="center", color="#888888")
     for number, mark in enumerate(marks):
+        color = COLORS.get(mark.name, PALETTE[number % len(PALETTE)])
+        style: dict[str, Any] = {
+            "marker": MARKS.get(mark.name, "o"),
+            "markeredgecolor": color,
+            "linestyle": "none",
+        }
         if mark.spread is not None:
             arc = _arc(*mark.spread, _ARC - number * _ARC_STEP)
-            axes.plot(*arc, color=COLORS[mark.name], linewidth=2.2, solid_capstyle="round")
+            axes.plot(*arc, color=color, linewidth=2.2, solid_capstyle="round")
         # Another mark may cover the baseline's, which is larger so that both are visible.
-        size = 15 if mark.name == "baseline" else 10
-        _mark(axes, mark.name, mark.angle, 1.0, size, COLORS[mark.name], mark.label)
+        style["markersize"] = 15 if mark.name == "baseline" else 10
+        place = _arc(mark.angle, mark.angle, 1.0, 1)
+        axes.plot(*place, markerfacecolor=color, label=mark.label, **style)
         if mark.thesis is not None:
-            _mark(axes, mark.name, mark.thesis, _OUTSIDE, 8, "none", None)
+            place = _arc(mark.thesis, mark.thesis, _OUTSIDE, 1)
+            axes.plot(*place, **{**style, "markersize": 8, "markerfacecolor": "none"})
     axes.set(xlim=(-1.35, 1.35), ylim=(-1.35, 1.35), xticks=[], yticks=[])
     axes.set_aspect("equal")
     axes.spines[:].set_visible(False)
@@ -215,15 +224,8 @@ def ring(marks: Sequence[Mark], title: str) -> Figure:
     return selected
 
 
-def _arc(low: float, high: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    around = np.radians(np.linspace(low, high, 361))
+def _arc(
+    low: float, high: float, radius: float, points: int = 361
+) -> tuple[np.ndarray, np.ndarray]:
+    around = np.radians(np.linspace(low, high, points))
     return radius * np.cos(around), radius * np.sin(around)
-
-
-def _mark(
-    axes: Any, name: str, degrees: float, radius: float, size: int, face: str, label: str | None
-) -> None:
-    x = radius * np.cos(np.radians(degrees))
-    y = radius * np.sin(np.radians(degrees))
-    style = {"marker": MARKS[name], "markersize": size, "markeredgecolor": COLORS[name]}
-    axes.plot([x], [y], linestyle="none", markerfacecolor=face, label=label, **style)

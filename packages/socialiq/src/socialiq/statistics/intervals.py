@@ -92,6 +92,35 @@ def normal_mean(name: str, values: Num[np.ndarray, " episode"]) -> dict[str, flo
     return {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
 
 
+class Ratio(NamedTuple):
+    """A ratio with its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def variance_ratio(
+    first: tuple[float, int], second: tuple[float, int], confidence: float = 0.95
+) -> Ratio:
+    """Return the ratio of two variances with its interval by the F distribution.
+
+    The interval holds for normal values; heavier tails than theirs make it too narrow.
+
+    Args:
+        first: Standard deviation above the line, and its degrees of freedom.
+        second: The same below the line, a deviation above 0.
+        confidence: Confidence of the interval, two-sided.
+    """
+    from scipy.stats import f
+
+    (above, of_first), (below, of_second) = first, second
+    tail = (1.0 - confidence) / 2.0
+    ratio = (above / below) ** 2
+    low = ratio / float(f.ppf(1.0 - tail, of_first, of_second))
+    return Ratio(ratio, low, ratio * float(f.ppf(1.0 - tail, of_second, of_first)))
+
+
 class Bounds(NamedTuple):
     """One-sided bounds of a mean."""
 

@@ -249,7 +249,7 @@ class GridBatch:
         self._time[chosen] += 1
         late = (ending == Ending.NONE) & (self._time[chosen] == self.table.world.horizon)
         ending = np.where(late, int(Ending.TIMEOUT), ending)
-        self.state[chosen] = np.where(ending == Ending.NONE, after, state)
+        self.state[chosen] = np.where((ending == Ending.NONE) | late, after, state)
         self._waiting[chosen] = ending != Ending.NONE
         reached = self.observation
         endings = np.zeros(self.size, np.int64)

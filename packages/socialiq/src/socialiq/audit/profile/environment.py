@@ -47,18 +47,19 @@ class Environment(World):
     draws_by_seed: ClassVar[bool] = True
 
     @staticmethod
-    def of(name: str, options: Json, allow_code: bool) -> Environment:
+    def of(name: str, options: Json, allow_code: bool, needs_pair: bool = True) -> Environment:
         """Make the environment, as `make_environment` does.
 
         Args:
             name: Name as for `make_environment`.
             options: Keyword arguments of the environment.
             allow_code: Whether the environment's module may be imported.
+            needs_pair: Whether it must give a pair; else a scalar reward is r_env.
 
         Raises:
             UserError: If the environment can't be made.
         """
-        how = {"allow_code": allow_code, "needs_pair": True, "continuous": True}
+        how = {"allow_code": allow_code, "needs_pair": needs_pair, "continuous": True}
         return Environment(name, options, make_environment(name, options, **how))
 
     @property

@@ -13,13 +13,14 @@ from socialiq.cli.train import actors, shared
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
+from socialiq.evaluation.labels import world_of
 from socialiq.learners import extensions
 from socialiq.learners.acting import acting_in
 from socialiq.learners.extensions import LEARNERS
 from socialiq.learners.iq_learn.config import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.settings import check_seeds
-from socialiq.worlds.catalogue import GRIDS, INTERSECTION, base
+from socialiq.worlds.catalogue import GRIDS, ROADS, base
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import environment_maker
 from socialiq.worlds.files import refuse_file
@@ -38,15 +39,16 @@ class IQLearn(shared.Training):
     data: shared.Data
     _: KW_ONLY
     world: str = ""
-    """World of the learner: crossing5, crossing7, crosswalk7, or an environment (a Gymnasium
-    id, MODULE:ID or MODULE:FUNCTION); none trains offline."""
+    """World of the learner: crossing5, crossing7, crosswalk7, a road (intersection, merge, ...), or
+    an environment (a Gymnasium id, MODULE:ID or MODULE:FUNCTION); none trains offline."""
     out: shared.Out
     preset: str = ""
-    """Settings to begin with. At the intersection intersection-calibrated (its default),
-    intersection-thesis (Table C.1, with which every learner waits), intersection-shifted; with
-    continuous actions intersection-continuous. Elsewhere grid (default), table-c1, poc,
-    lambda-sweep; for tens to hundreds of demonstrated rows without social rewards few-offline, and
-    with a world few-online."""
+    """Settings to begin with, by world, also that of the demonstrations. On roads:
+    intersection-calibrated (default), intersection-thesis (Table C.1, with which every learner
+    waits), intersection-shifted; with continuous actions intersection-continuous. In crossing7 and
+    elsewhere: grid (default, Figs 6.2 to 6.4), lambda-sweep (appendix D), table-c1; in crossing5
+    poc (6.1). For tens to hundreds of rows without social rewards: few-offline, with a world
+    few-online."""
     prior: str | None = None
     """Social prior: none, reward, bellman_shift, reweighting, shifted_chi2, or FILE.py:NAME."""
     value_term: str | None = None
@@ -94,8 +96,7 @@ class IQLearn(shared.Training):
             functions["prior"] = extensions.checked_prior(functions["prior"])
         if "divergence" in functions:
             functions["divergence"] = extensions.checked_divergence(functions["divergence"])
-        usual = "intersection-calibrated" if base(self.world) == INTERSECTION else "grid"
-        name = self.preset or usual
+        name = self.preset or usual_preset(self.world, data)
         one_of("preset", name, tuple(PRESETS))
         preset = PRESETS[name]
         if not self.world and preset[0].value_term == "value":
@@ -103,6 +104,13 @@ class IQLearn(shared.Training):
         settings = values | {"online": bool(self.world)} | self.size.settings()
         static, numbers = self.options.apply(preset, settings)
         return _trained(self, data, static, self.grid.runs(numbers), functions, self.world)
+
+
+def usual_preset(world: str, data: Demonstrations) -> str:
+    """Return the preset of a world, or without one of the world that demonstrations name."""
+    recorded = None if world else world_of(data)
+    name = world if recorded is None else recorded.name
+    return "intersection-calibrated" if base(name) in ROADS else "grid"
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,24 @@ column `panels`. In a panel, `lines` gives a colour to each value of a column, `
 style, and `each` a separate line. `layers` draw several tables into the same panels.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
+from socialiq.foreign import drawing
 from socialiq.plotting import style
-from socialiq.results_folder import Results
+from socialiq.plotting.style import PALETTE
+from socialiq.results_folder import Results, as_text, where
 from socialiq.types import Row
-from socialiq_lab.tables import as_text, where
 
-PALETTE = ("#2166ac", "#c23b22", "#1b7837", "#e08214", "#762a83", "#888888", "#1f9e89", "#d6604d")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 STYLES = ("-", "--", ":", "-.")
 _MARKS = "osD^vP*X"
 _FEW = 4  # entries of a legend that leave room for the lines of a small panel
@@ -86,7 +89,7 @@ def colors_of(names: Sequence[Any]) -> dict[Any, Any]:
         return {name: style.COLORS[name] for name in names}
     numbers = all(isinstance(name, int | float) for name in names)
     if len(names) > len(PALETTE) or (numbers and len(names) > 3):
-        scale = matplotlib.colormaps["viridis"](np.linspace(0, 0.95, len(names)))
+        scale = drawing("matplotlib").colormaps["viridis"](np.linspace(0, 0.95, len(names)))
         return dict(zip(names, scale, strict=True))
     return dict(zip(names, PALETTE, strict=False))
 

@@ -2,9 +2,9 @@
 
 import pytest
 
+from socialiq.plotting.figures import colors_of, draw
 from socialiq.results_folder import Results
 from socialiq_lab.declared import declared_study
-from socialiq_lab.figures import colors_of, draw
 from socialiq_lab.tables import pivoted
 
 ROWS = [
