@@ -23,9 +23,9 @@ class Feeder(gymnasium.Env):
         hour=gymnasium.spaces.Discrete(12),
     )
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[dict[str, Any], dict]:
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[dict, dict]:
         """Draw the charge of both cars."""
-        super().reset(seed=seed)
+        super().reset(seed=seed, options=options)
         self.charge = self.np_random.uniform(0.0, 0.4, 2)
         self.gains = np.zeros(2)
         self.hour = 0

@@ -43,9 +43,9 @@ class Comparison:
 def check(config: Any) -> None:
     """Refuse sets and methods that the declaration lacks."""
     for name in config.sets:
-        one_of("set", name, SETS)
+        one_of("set", name, tuple(SETS))
     for name in config.methods:
-        one_of("method", name, METHODS)
+        one_of("method", name, tuple(METHODS))
 
 
 def jobs(config: Any) -> list[Job]:

@@ -3,23 +3,29 @@
 Demonstrations of continuous actions are passed on to `cli.train.actors`.
 """
 
-from dataclasses import KW_ONLY, dataclass, field
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import Policies
+from socialiq.cli.output import Display, Policies, say
 from socialiq.cli.train import actors, shared
+from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.angle_search import AngleSearch, search
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.evaluation.labels import world_of
 from socialiq.learners import extensions
 from socialiq.learners.acting import acting_in
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.extensions import LEARNERS
 from socialiq.learners.iq_learn.config import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.settings import check_seeds
+from socialiq.types import Row
 from socialiq.worlds.catalogue import GRIDS, ROADS, base
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import environment_maker
@@ -49,6 +55,9 @@ class IQLearn(shared.Training):
     elsewhere: grid (default, Figs 6.2 to 6.4), lambda-sweep (appendix D), table-c1; in crossing5
     poc (6.1). For tens to hundreds of rows without social rewards: few-offline, with a world
     few-online."""
+    angle_from: Path | None = None
+    """Demonstrations of wanted behaviour, in the place of --angle: the angle of 0, 5, ..., 90 whose
+    policy gives their actions the highest likelihood."""
     prior: str | None = None
     """Social prior: none, reward, bellman_shift, reweighting, shifted_chi2, or FILE.py:NAME."""
     value_term: str | None = None
@@ -74,8 +83,9 @@ class IQLearn(shared.Training):
         names = ("prior", "value_term", "divergence")
         values = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if data.action_size:
-            if self.loss:
-                raise UserError("--loss is of discrete actions: leave it out")
+            if self.loss or self.angle_from:
+                name = "--loss" if self.loss else "--angle-from"
+                raise UserError(f"{name} is of discrete actions: leave it out")
             for name in ("prior", "divergence"):
                 if ":" in values.get(name, ""):
                     raise UserError(
@@ -103,7 +113,66 @@ class IQLearn(shared.Training):
             values.setdefault("value_term", "value_expert")
         settings = values | {"online": bool(self.world)} | self.size.settings()
         static, numbers = self.options.apply(preset, settings)
-        return _trained(self, data, static, self.grid.runs(numbers), functions, self.world)
+        runs = self.grid.runs(numbers)
+        record = {}
+        if self.angle_from:
+            searched = self.searched(data, static, runs[0], functions)
+            runs = [replace(run, angle=searched.angle) for run in runs]
+            wanted = shared.described_file(self.angle_from)
+            record = {"angle_search": {"wanted": wanted} | asdict(searched)}
+        return _trained(self, data, static, runs, functions, self.world, record)
+
+    def searched(
+        self, data: Demonstrations, static: Any, run: Any, functions: dict[str, Any]
+    ) -> AngleSearch:
+        """Search the angle of the wanted behaviour, and print it with its interval.
+
+        Args:
+            data: Demonstrations of the training.
+            static: Config of all runs.
+            run: Hyperparameters of the policies but for their angle.
+            functions: Functions of the user's own by part.
+
+        Returns:
+            The outcome of the search.
+
+        Raises:
+            UserError: If an option doesn't go with a search, or the wanted behaviour doesn't fit
+                the demonstrations.
+        """
+        assert self.angle_from is not None
+        if self.grid.angle != (0.0,) or len(self.grid.strength) > 1 or self.options.resume:
+            raise UserError(
+                "--angle-from decides the angle: leave out --angle and --resume, and give one "
+                "--strength"
+            )
+        wanted = files.load(self.angle_from)
+        sizes = wanted.n_features, wanted.n_actions
+        if sizes != (data.n_features, data.n_actions):
+            raise UserError(
+                f"{self.angle_from} has {sizes[0]} features and {sizes[1]} actions, and the "
+                f"training's demonstrations have {data.n_features} and {data.n_actions}: collect "
+                "both in one world"
+            )
+
+        def policies_at(angles: Sequence[float]) -> Sequence[Any]:
+            runs = [replace(run, angle=angle) for angle in angles]
+            simulator, collector = _place(self, data, static, runs, self.world)
+            with Display() as display:
+                callbacks = Callbacks(on_report=display.stage("search of the angle"))
+                trained = train(
+                    static, runs, [data], simulator, callbacks, shared.CHUNK, collector, **functions
+                )
+            if reason := trained.learner.no_angle():
+                raise UserError(f"--angle-from needs policies with an angle: {reason}")
+            return [trained.policy(number) for number in range(len(runs))]
+
+        searched = search(policies_at, wanted)
+        say(
+            f"angle of {self.angle_from}: {searched.angle:g} degrees (95 %: {searched.low:g} to "
+            f"{searched.high:g})"
+        )
+        return searched
 
 
 def usual_preset(world: str, data: Demonstrations) -> str:
@@ -201,18 +270,11 @@ def _trained(
     runs: list[Any],
     functions: dict[str, Any],
     world: str = "",
+    further: Row | None = None,
 ) -> Policies:
-    """Train with discrete actions, and write the folder."""
-    simulator = None
-    collector = None
+    """Train with discrete actions, and write the folder, with `further` entries in run.json."""
     monitor = None
-    if world:
-        refuse_file(world)
-    if base(world) in GRIDS:  # stepped in the compiled program
-        simulator = make_grid(world)
-    elif world:
-        make = environment_maker(world, (data.n_features, data.n_actions), command.allow_code)
-        collector = acting_in(make, static, runs, shared.CHUNK)
+    simulator, collector = _place(command, data, static, runs, world)
     if "learner" not in functions:
         check_fit(static, runs, [data], simulator, collector is not None)
     schema = data.schema
@@ -225,5 +287,19 @@ def _trained(
             static, runs, [data], simulator, callbacks, shared.CHUNK, collector, **functions
         )
     described = shared.described_file(command.data) | {"transitions": data.n_transitions}
-    record = {"world": world, "data": described} | trained.learner.functions()
+    record = {"world": world, "data": described} | trained.learner.functions() | (further or {})
     return folder.finish_policies(trained, record)
+
+
+def _place(
+    command: Any, data: Demonstrations, static: Any, runs: list[Any], world: str
+) -> tuple[Any, Any]:
+    """Return the world that the program simulates, and what acts in any other; None without."""
+    if world:
+        refuse_file(world)
+    if base(world) in GRIDS:  # stepped in the compiled program
+        return make_grid(world), None
+    if not world:
+        return None, None
+    make = environment_maker(world, (data.n_features, data.n_actions), command.allow_code)
+    return None, acting_in(make, static, runs, shared.CHUNK)
