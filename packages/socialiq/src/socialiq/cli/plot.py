@@ -136,11 +136,11 @@ class Stops(_OfPolicies):
         for path in map(str, self.policies):
             with drivers.driver_of(path, plain, allow_code=self.allow_code) as loaded:
                 table = drivers.gridworld_of(self.world, loaded.record.interface)
-                part = table.reachable_part()
+                reachable = table.reachable_part()
                 readout = "soft" if self.soft else "greedy"
-                chances = exact.action_table(loaded.policy, part, readout)
+                chances = exact.action_table(loaded.policy, reachable, readout)
             name = Path(name_of(path)).stem
-            rows += stop_rows(part, name, *visited(part, chances))
+            rows += stop_rows(reachable, name, *visited(reachable, chances))
         return stop_maps(rows, "Share of STOP before the conflict (above: by visits, below: all)")
 
 
