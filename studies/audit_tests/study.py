@@ -42,9 +42,9 @@ FLOOR = Bound.of("max_at_fault", 0.05)
 EFFECT = Bound.of("max_delay", 6.0, (-100.0, 100.0))
 
 LENGTH = 4.0  # of the mean rewards of each reference
-SPREAD = 0.5  # of rewards, in units of a shape's deviations
+SPREAD = 1.0  # of rewards, in units of a shape's deviations
 BEYOND = 3.0  # reward by which an episode of another character is beyond both ends
-_WIDEST = 8.0  # deviation; with it no reward is clipped
+_WIDEST = 6.0  # deviation; with it no reward is clipped
 _RARE = 0.01  # share of episodes with a rare loss
 
 SHAPES: dict[str, Callable[[Latent], Latent]] = {
