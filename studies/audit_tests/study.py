@@ -5,7 +5,8 @@ deviations have ties, no spread, heavy tails, rare losses, or follow the episode
 intersection, policies of two characters switch between them in the middle of an episode.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,26 +14,29 @@ from jaxtyping import Float
 from scipy.special import ndtr, stdtrit
 
 from socialiq import Ending
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes, Reference
+from socialiq.audit.evidence.drive import ByRule, Course
+from socialiq.audit.evidence.outcomes import Evidence, Reference
 from socialiq.audit.profile.profile import Bound
-from socialiq.audit.request import DIAL, SHIPPED_DIAL
+from socialiq.audit.request import SHIPPED_DIAL
 from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.direction import character_test, direction_test
+from socialiq.audit.verdict.direction import character_test, direction_test, faults_of_contexts
 from socialiq.audit.verdict.regret import Regrets, regret_test
 from socialiq.audit.verdict.results import order_dependence
+from socialiq.evaluation.context import ContextLosses
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights
+from socialiq.social.angle_rule import AngleRule
 from socialiq.storage import packaged_results
-from socialiq.types import Row
+from socialiq.types import Policy, Row
 from socialiq.worlds.highway.options import Contact
-from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection import atlas
 from socialiq.worlds.registry import make
+from socialiq.worlds.situation import ContextPolicy
 from socialiq_lab.audit_arena import course_of, default_declaration
-from socialiq_lab.intersection.driving import Deciding
 from socialiq_lab.study import Context, Findings, StageCallback, tracked
 from studies.audit_angles import drivers
-from studies.audit_angles.study import ERROR, Audits
+from studies.audit_angles.study import ERROR, Audits, resampled
 from studies.audit_power.power import outcomes, shares
 
 Latent = Float[np.ndarray, "episode quantity"]
@@ -199,74 +203,81 @@ def order_rows(config: Any, on_stage: StageCallback) -> list[Row]:
     return rows
 
 
-def nearest_on_the_left(observation: np.ndarray) -> np.ndarray:
-    """Return whether the nearest vehicle, of those that conflict if any do, is on the ego's left.
-
-    Args:
-        observation: Batch of observations of the intersection without the time.
-    """
-    rows = policies.in_metres(observation)
-    cos = rows[:, :1, 5]
-    sin = rows[:, :1, 6]
-    x, y = (rows[:, 1:, column] - rows[:, :1, column] for column in (1, 2))
-    meets = policies.conflict(rows, 3.0)
-    away = np.where(rows[:, 1:, 0] > 0, np.hypot(x, y), np.inf)
-    away = np.where(meets | ~meets.any(axis=1, keepdims=True), away, np.inf)
-    leftwards = x * sin - y * cos  # the axis y points to the right of x
-    return np.take_along_axis(leftwards, away.argmin(axis=1)[:, None], axis=1)[:, 0] > 0.0
+CASES = [
+    {"crossing_with_priority": {"at_least": 1}, "nearest_on_the_left": {"at_least": 1}},
+    {"crossing_with_priority": {"at_least": 1}},
+    {"nearest_on_the_left": {"at_least": 1}},
+]
+"""Situations: whether a vehicle with the right of way conflicts, the nearest one is on the left, or
+both; else neither."""
 
 
-def right_of_way(observation: np.ndarray) -> np.ndarray:
-    """Return whether a vehicle of the crossing road conflicts, to which the ego has to yield.
-
-    Args:
-        observation: Batch of observations of the intersection without the time.
-    """
-    rows = policies.in_metres(observation)
-    crossing = np.abs(rows[:, 1:, 3]) > np.abs(rows[:, 1:, 4])
-    return (policies.conflict(rows, 3.0) & crossing).any(axis=1)
+def rule_of(angles: Sequence[float]) -> AngleRule:
+    """Return the rule of an angle in degrees for each of `CASES`, and of one elsewhere."""
+    *inside, default = angles
+    when = [{"angle": angle, **case} for angle, case in zip(inside, CASES, strict=True)]
+    return AngleRule.of({"format": 1, "world": drivers.WORLD, "default": default, "when": when})
 
 
-SWITCHES = {"left": nearest_on_the_left, "right of way": right_of_way}
-"""Situations in which a policy has its first character."""
+SWITCHES = {
+    f"{first:g} {where}, else {second:g}": tuple(first if here else second for here in inside)
+    for where, inside in (
+        ("to the left", (True, False, True, False)),
+        ("to those with priority", (True, True, False, False)),
+    )
+    for first, second in ((15.0, 75.0), (75.0, 15.0))
+}
+"""Angles in each situation of policies whose mean is near that of 45 degrees."""
 
-PAIRS = ((15.0, 75.0), (75.0, 15.0))
+EXPERTS = ("set_prosocial", "expert_prosocial")
+
+
+def tried(dial: DialPolicy, weaker: DialPolicy) -> Iterator[tuple[str, float, Policy]]:
+    """Yield name, declared angle in degrees and policy of every driver that is audited."""
+    for angle in drivers.ANGLES:
+        yield f"weaker dial, {angle:g}", angle, weaker.at(angle)
+    yield "dial, 45", 45.0, dial.at(45.0)
+    for name in EXPERTS:
+        yield name, 45.0, atlas.load(name)
+    for name, angles in SWITCHES.items():
+        yield name, 45.0, ContextPolicy.of(dial, rule_of(angles))
 
 
 def switching_rows(config: Any, on_stage: StageCallback) -> list[Row]:
-    """Return the shares of audits at 45 degrees that the dial and policies of two angles pass.
+    """Return the shares of audits of policies of one character and of two.
 
     Args:
         config: Configuration of the study.
         on_stage: Returns the progress callback of a stage.
 
     Returns:
-        A row for each policy and number of episodes, with the columns of `Audits.shares`.
+        A row for each policy and number of episodes: share `named` in which the declared angle in
+        each situation is found to be another, and the columns of `Audits.shares` without a rule.
     """
     course = course_of(make(drivers.WORLD), config.pool, config.pool_seed)
     pool = drivers.drive(course, on_stage, references_only=True)
-    audits = Audits.of(drivers.WORLD, 45.0, pool)
-    dial = DialPolicy.load(packaged_results() / SHIPPED_DIAL)
-    features = course.world.n_features
-    tried: dict[str, Outcomes] = {"45 always": pool[f"{DIAL}45"].outcomes}
-    for name, switch in SWITCHES.items():
-        for first, second in PAIRS:
-            here = dial.at(first)
-            elsewhere = dial.at(second)
-
-            def decide(rows: np.ndarray, switch=switch, here=here, elsewhere=elsewhere):
-                actions = here.predict(rows)[0], elsewhere.predict(rows)[0]
-                return np.where(switch(rows[:, :features]), *actions)
-
-            title = f"{first:g} where {name}, else {second:g}"
-            policy = Deciding(here.n_features, decide)
-            tried[title] = course.drive(Reference(title, policy))
-    return [
-        {"policy": name, "episodes": episodes}
-        | audits.shares(driver, episodes, config.switched, config.first_seed)
-        for name, driver in tracked(list(tried.items()), on_stage, "audits", "policies")
-        for episodes in config.lengths
-    ]
+    path = packaged_results() / SHIPPED_DIAL
+    dial = DialPolicy.load(path)
+    weaker = DialPolicy.load(path.with_name("timed.safetensors"))
+    rows: list[Row] = []
+    for name, angle, policy in tracked(list(tried(dial, weaker)), on_stage, "switching", "drivers"):
+        rule = rule_of([angle] * (len(CASES) + 1))
+        profile = replace(default_declaration(drivers.WORLD, angle), rule=rule)
+        candidates = tuple(end for end in (angle - 30.0, angle + 30.0) if 0.0 <= end <= 90.0)
+        measured = Course(course.world, course.seeds, by_rule=ByRule(rule, dial))
+        driver = measured.drive(Reference(name, policy), True, candidates)
+        assert driver.contexts is not None
+        audits = Audits.of(drivers.WORLD, angle, pool)
+        for episodes in config.lengths:
+            how = episodes, config.switched, config.first_seed
+            named = 0
+            for drawn in resampled(config.pool, *how):
+                losses = ContextLosses(*(column[drawn] for column in driver.contexts))
+                named += faults_of_contexts(profile, losses, candidates, ERROR) != []
+            label: Row = {"policy": name, "declared": angle, "episodes": episodes}
+            label["named"] = named / config.switched
+            rows.append(label | audits.shares(driver, *how))
+    return rows
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
