@@ -187,13 +187,13 @@ def order_rows(config: Any, on_stage: StageCallback) -> list[Row]:
     """Return the share of policies of each shape that are found to depend on the order.
 
     Args:
-        config: Configuration of the study; `audits` are enough where a memory is to be found.
+        config: Configuration of the study; `switched` audits are enough where a memory is found.
         on_stage: Returns the progress callback of a stage.
     """
     rows: list[Row] = []
     still = np.zeros(config.episodes)
     for shape, deviations in tracked(list(SHAPES.items()), on_stage, "order", "shapes"):
-        audits = config.audits if shape in MEMORIES else config.orders
+        audits = config.switched if shape in MEMORIES else config.orders
         found = 0
         for seed in range(config.first_seed, config.first_seed + audits):
             rng = np.random.default_rng([seed, list(SHAPES).index(shape)])
