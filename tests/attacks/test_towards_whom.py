@@ -25,8 +25,8 @@ DAY = datetime.date(2026, 1, 31)
 MARGIN = Margin(1.5, None, None, 15.0, 0.5)
 
 
-def rule_of(approaching, otherwise):
-    when = {"angle": approaching, "approaching": {"at_least": 1}}
+def rule_of(crowded, otherwise):
+    when = {"angle": crowded, "vehicles": {"at_least": 2}}
     return AngleRule.of({"format": 1, "world": "crossing7", "default": otherwise, "when": [when]})
 
 
@@ -34,7 +34,7 @@ def rule_of(approaching, otherwise):
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("whom")
     dial = DialPolicy.load(packaged_results() / "dial-short" / "dial.safetensors")
-    ContextPolicy.of(dial, rule_of(90.0, 45.0)).save(path / "switches.safetensors")
+    ContextPolicy.of(dial, rule_of(0.0, 75.0)).save(path / "switches.safetensors")
     dial.at(45.0).save(path / "constant.safetensors")
     for name, rule in (("plain", None), ("rule", rule_of(45.0, 45.0))):
         declared = declare(45.0, "Example", "crossing7", MARGIN, DAY, rule=rule)
@@ -57,7 +57,7 @@ def test_a_declared_rule_finds_another_angle_towards_some(folder, policy, declar
     verdict = audit(path, folder / f"{declared}.toml", out, episodes=300, seed=3)["verdict"]
     assert verdict["decision"] == decision
     assert (BY_WHOM in verdict["reason"]) == (declared == "plain")
-    named = "Where 1 <= approaching, the policy decides as one of 75 degrees and not of 45"
+    named = "Where 2 <= vehicles, the policy decides as one of 15 degrees and not of 45"
     assert (named in verdict["reason"]) == (decision == "inconclusive")
     assert faults(out) == []
 
@@ -81,7 +81,7 @@ def test_each_situation_beyond_the_width_is_named(angles, named):
     texts = faults_of_contexts(profile, losses_of(angles), CANDIDATES, 0.05)
     assert len(texts) == named
     if angles == (75.0, 15.0):
-        assert "Where 1 <= approaching, the policy decides as one of 75 degrees" in texts[0]
+        assert "Where 2 <= vehicles, the policy decides as one of 75 degrees" in texts[0]
         assert "Where otherwise, the policy decides as one of 15 degrees" in texts[1]
 
 
