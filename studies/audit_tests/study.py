@@ -33,11 +33,10 @@ from socialiq.worlds.highway.options import Contact
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.registry import make
 from socialiq.worlds.situation import ContextPolicy
+from socialiq_lab import audit_drivers as drivers
 from socialiq_lab.audit_arena import course_of, default_declaration
+from socialiq_lab.audit_pool import ERROR, Audits, outcomes, resampled, shares
 from socialiq_lab.study import Context, Findings, StageCallback, tracked
-from studies.audit_angles import drivers
-from studies.audit_angles.study import ERROR, Audits, resampled
-from studies.audit_power.power import outcomes, shares
 
 Latent = Float[np.ndarray, "episode quantity"]
 

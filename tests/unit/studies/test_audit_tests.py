@@ -2,6 +2,11 @@
 
 import numpy as np
 import pytest
+
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.direction import drivers_of
+from socialiq.audit.verdict.results import order_dependence
+from socialiq.social.angle import exact_weights
 from studies.audit_tests.study import (
     MEMORIES,
     POSITIONS,
@@ -12,11 +17,6 @@ from studies.audit_tests.study import (
     latent_of,
     rule_of,
 )
-
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.direction import drivers_of
-from socialiq.audit.verdict.results import order_dependence
-from socialiq.social.angle import exact_weights
 
 
 @pytest.mark.parametrize("shape", SHAPES)
