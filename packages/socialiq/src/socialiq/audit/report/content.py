@@ -9,6 +9,7 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.replay import Chosen, Traces, path_of
 from socialiq.audit.look import Look
@@ -20,6 +21,7 @@ from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
 from socialiq.audit.verdict import results as judged
 from socialiq.audit.verdict.bounds import faults_of_limits
 from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.direction import faults_of_contexts
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
@@ -109,6 +111,7 @@ def results_of(audited: Audited) -> Results:
         findings.append(judged.order_dependence(audited.evidence[0]))
     best = next(row for row in compared.references if row.name == verdict.regret.best)
     findings += faults_of_limits(profile, compared.policy, best)
+    findings += faults_of_contexts(profile, compared.policy.contexts, CANDIDATES, verdict.error)
     if discrimination.excludes_nothing:
         findings.append(
             "The declaration excludes nothing: constant actions and random ones would pass it too. "
