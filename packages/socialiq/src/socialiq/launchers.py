@@ -138,9 +138,9 @@ def _refuse_calls() -> None:
     refuse = end, 0, 0x00050000 | 38
     again = end, 0, 0x00050000 | 11
 
-    def any_of(tests: list[tuple[int, int]], rest: int) -> list[tuple[int, int, int]]:
-        """Return tests that jump over those that follow, and over `rest` lines, if they hold."""
-        last = len(tests) - 1 + rest
+    def any_of(tests: list[tuple[int, int]], lines_after: int) -> list[tuple[int, int, int]]:
+        """Return tests that jump over those that follow, and over `lines_after`, if they hold."""
+        last = len(tests) - 1 + lines_after
         return [(code, last - index, value) for index, (code, value) in enumerate(tests)]
 
     # Each line has a code, the number of lines that it jumps over if it holds, and a value. Fields

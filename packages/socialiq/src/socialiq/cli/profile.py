@@ -176,11 +176,7 @@ class New:
             caused=self._bounds(world, options),
         )
         write_atomically(self.out, declared.source, self.replace)
-        print_table(_table(_facts(declared)), str(self.out))
-        for fault in faults_of_declaration(declared, TRIED).values():
-            say(f"Note: an audit can't pass: {fault}")
-        _note_unkept(declared, TRIED)
-        return 0
+        return _print_written(declared, self.out)
 
     def _in_environment(self, written: Written) -> tuple[float, Floor]:
         """Return margin and floor of an environment, by episodes of the references."""
@@ -250,6 +246,15 @@ class Check(Printing):
         _note_unkept(declared, CHECKED)
         facts = _facts(declared)
         return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
+
+
+def _print_written(declared: profile.Profile, path: Path) -> int:
+    """Print a declaration that was written, and why an audit can't pass by it."""
+    print_table(_table(_facts(declared)), str(path))
+    for fault in faults_of_declaration(declared, TRIED).values():
+        say(f"Note: an audit can't pass: {fault}")
+    _note_unkept(declared, TRIED)
+    return 0
 
 
 def _note_unkept(declared: profile.Profile, episodes: int) -> None:

@@ -149,14 +149,14 @@ class Recorder:
             np.concatenate(column) for column in zip(*self._batches, strict=True)
         )
 
-        def asked(rows: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+        def actions_of(rows: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
             parts = np.split(rows, np.cumsum(sizes)[:-1])
             greedy = not self._soft
             chosen = [self._policy.predict(batch[part], deterministic=greedy)[0] for part in parts]
             return np.concatenate(chosen)
 
         def answers_of(rows: np.ndarray, sizes: Sequence[int]) -> Answers:
-            answers = [asked(rows, sizes) for _ in range(1 + self._soft)]
+            answers = [actions_of(rows, sizes) for _ in range(1 + self._soft)]
             if not self._soft:
                 far = np.abs(answers[0] - actions[rows]).reshape(len(rows), -1).max(axis=1)
                 return Answers(len(rows), int((far > (NEAR if far.dtype.kind == "f" else 0)).sum()))
@@ -175,7 +175,7 @@ class Recorder:
         same = np.arange(len(batch)), [len(rows) for rows, *_ in self._batches]
         self.restart()
         for _ in range(self._every):  # one process meets all requests of an audit
-            asked(*same)
+            actions_of(*same)
         repeated = answers_of(*same)
         self.restart()
         alone = answers_of(single[:SINGLE], [1] * min(SINGLE, len(batch)))
