@@ -296,7 +296,7 @@ def unkept(profile: Profile, episodes: int = CHECKED) -> str:
     if (base(name) not in KNOWN and not is_recorded(name)) or profile.losses_decide:
         return ""
     world = profile.world()
-    if world.is_exact or shipped_dial(world, [profile.angle]):
+    if world.is_exact or shipped_dial(world, [0.0]):
         return ""
     course = drive.Course(world, episode_seeds(0, episodes), measured=profile.effects)
     unknown = {"kind": "", "source": "", "sha256": ""}
