@@ -11,7 +11,10 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from socialiq import isolation as code
+from socialiq.child import Child
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.foreign import FAILURES, failure, imported, one_line
@@ -312,22 +315,44 @@ def _load_code(
                 f"{source} changed while it was audited: audit files that stay as they are"
             )
 
-    def start() -> Loaded:
+    def start() -> tuple[BatchPolicy, dict[str, Any], Child]:
         started = command
         if isolation.works:
             started = code.sandboxed(command, covered, library=is_python and allow_code)
         elif is_python:
             started = command_of_python(words, source, covered.paths)
-        policy, details, child = start_process(started, source, world, limits)
-        facts = (kind, source, covered.sha256, covered.covers, world, False, details, isolation)
-        return Loaded(policy, Record(*facts), child.close, check_unchanged, start)
+        return start_process(started, source, world, limits)
 
     with contextlib.ExitStack() as closing:
         # What runs is a copy of exactly the hashed bytes, where it can be put in their place.
         folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="policy-")))
         covered = hashed(folder if isolation.works or is_python else None)
-        loaded = closing.enter_context(start())
-        return replace(loaded, close=closing.pop_all().close)
+        process = closing.enter_context(contextlib.closing(_Process(start)))
+        facts = (kind, source, covered.sha256, covered.covers, world, False, process.details)
+        record = Record(*facts, isolation)
+        policy = replace(process.policy, decide=process.decide)
+        return Loaded(policy, record, closing.pop_all().close, check_unchanged, process.restart)
+
+
+class _Process:
+    """The process of a policy that is code: one at a time, so that no two of them can talk."""
+
+    def __init__(self, start: Callable[[], tuple[BatchPolicy, dict[str, Any], Child]]) -> None:
+        self._start = start
+        self.policy, self.details, self._child = start()
+
+    def decide(self, batch: np.ndarray, deterministic: bool) -> Any:
+        """Return the actions of the present process."""
+        return self.policy.decide(batch, deterministic)
+
+    def restart(self) -> None:
+        """End the process, and then start a new one."""
+        self.close()
+        self.policy, _, self._child = self._start()
+
+    def close(self) -> None:
+        """End the process."""
+        self._child.close()
 
 
 def hash_of_python(

@@ -6,7 +6,7 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.drive import CANDIDATES
@@ -201,7 +201,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     known = audited.evidence[0].drivers[1:]
     rows = [row for row in known if row.name not in audited.left_out]
     equals = [words.plain_name(row.name, row.angles) for row in rows if driven.drove_as(row)]
-    return [
+    caveats = [
         *words.caveats_of_declaration(profile, results.verdict, results.discrimination),
         *(
             []
@@ -212,6 +212,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
         *words.caveats(audited.drawn, audited.look, audited.policy, world),
         *words.caveats_of_episodes(equal, len(repeated), equals),
     ]
+    return sorted(caveats, key=lambda caveat: get_args(words.About).index(caveat.about))
 
 
 def _shift(results: Results, elsewhere: Sequence[Evidence]) -> Json | None:
