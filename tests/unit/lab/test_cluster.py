@@ -149,7 +149,9 @@ def test_ctrl_c_stops_the_jobs_of_the_cluster_and_leaves_its_workers(
 
 def test_a_worker_with_other_arithmetic_is_refused(quick, start_cluster, tmp_path):
     file, _, _ = start_cluster(1, OPENBLAS_CORETYPE="Zen")
-    line = r'^the worker on \S+ was not started with OPENBLAS_CORETYPE="Haswell": start it with `dask '
+    line = (
+        r'^the worker on \S+ was not started with OPENBLAS_CORETYPE="Haswell": start it with `dask '
+    )
     line += r"worker --preload-nanny socialiq_lab.cluster`$"
     with pytest.raises(UserError, match=line):
         run_jobs(jobs_of(quick), tmp_path / "work", silent, cluster=str(file))
