@@ -389,7 +389,7 @@ class OfflineDial(shared.Training):
     """Training seeds, a dial each."""
     labels: shared.Labels = field(default_factory=shared.LabelOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
-    options: tyro.conf.OmitArgPrefixes[shared.SetOptions] = field(default_factory=shared.SetOptions)
+    options: shared.Set = field(default_factory=shared.SetOptions)
 
     def result(self) -> Policies:
         """Train a dial for each seed, write the folder."""

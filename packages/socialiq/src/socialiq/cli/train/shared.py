@@ -472,4 +472,6 @@ PlainGrid = tyro.conf.OmitArgPrefixes[PlainGridOptions]
 Size = tyro.conf.OmitArgPrefixes[SizeOptions]
 Labels = tyro.conf.OmitArgPrefixes[LabelOptions]
 Scaling = tyro.conf.OmitArgPrefixes[ScalingOptions]
-Run = tyro.conf.OmitArgPrefixes[RunOptions]
+_FURTHER = tyro.conf.arg(name="further")  # the title of the group in the help page
+Run = Annotated[tyro.conf.OmitArgPrefixes[RunOptions], _FURTHER]
+Set = Annotated[tyro.conf.OmitArgPrefixes[SetOptions], _FURTHER]
