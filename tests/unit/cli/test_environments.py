@@ -215,6 +215,26 @@ def test_a_training_is_compared_with_its_demonstrators(tmp_path, capsys):
     assert line == "no score: --updates 20 are fewer than 500"
 
 
+@pytest.mark.parametrize("silent", [True, False])
+@pytest.mark.parametrize("learner", ["dial", "sac"])
+def test_an_angle_that_nothing_teaches_is_told_before_the_training(
+    learner, silent, tmp_path, capsys
+):
+    pair = "(1.0, -1.0 * (drawn.random() < (0.0 if SILENT else 0.02)))"
+    code = CODE.replace("(float(step.action), -0.5 * step.action)", pair)
+    code = code.replace("SILENT", str(silent)) + "drawn = np.random.default_rng(0)\n"
+    if learner == "sac":
+        code = code.replace("spaces.Discrete(2)", "spaces.Box(-1.0, 1.0, (1,), np.float32)")
+        code = code.replace("self.place += action", "self.place += int(action[0] > 0)")
+    (tmp_path / "a_quiet_road.py").write_text(code)
+    words = ["train", learner, "--world", "a_quiet_road.py:make", "--allow-code", "--out", "run"]
+    small = {"dial": ["replay_batch=4"], "sac": ["updates_per_round=2", "--angle", "45"]}
+    words += ["--updates", "2", "--hidden", "4", "--set", *small[learner]]
+    assert main(words) == 0
+    line = "r_social was 0 in 1,000 steps of random actions: if it is always 0, the angle teaches"
+    assert (line in capsys.readouterr().err) == silent
+
+
 SMALL = ("--updates", "2", "--hidden", "4")
 
 

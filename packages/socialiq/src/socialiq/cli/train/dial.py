@@ -166,6 +166,7 @@ class Dial(shared.Training):
         elif not world.is_exact:
             sizes = (world.n_features, world.n_actions)
             if static.online:
+                shared.say_if_silent(world.env)
                 collector = acting_in(lambda: world.of(*written, True).env, static, runs, chunk)
         else:
             world = world.with_clock() if preset.clock else world
