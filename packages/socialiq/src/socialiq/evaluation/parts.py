@@ -22,7 +22,9 @@ Result = TypeVar("Result")
 
 _EACH = 4  # parts of a process, so that there is progress to report
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+ONE_THREAD: dict[str, str] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
+)
 """Environment variables that give a process one thread of linear algebra."""
 
 
