@@ -73,7 +73,7 @@ GROUPS = {
     "profile": "declarations for an audit",
     "data": "data sets and recorded traffic",
     "world": "worlds of other simulators",
-    "train": "learners; iq-learn if a file is the first word",
+    "train": "learners",
 }
 """First words that need a second one, and the subject of their commands."""
 
