@@ -241,7 +241,7 @@ def say_if_silent(env: gymnasium.Env[Any, Any]) -> None:
     than 0 is not told: a cost of each step teaches a policy to end the episode.
 
     Args:
-        env: Environment with a reward pair, which an angle shall steer.
+        env: Environment with a reward pair, which an angle steers.
     """
     space = env.action_space
     space.seed(0)
