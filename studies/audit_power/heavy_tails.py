@@ -17,8 +17,8 @@ from socialiq import Ending
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.verdict.regret import Regrets, exceeds, loss_bounds
 from socialiq.types import Row
+from socialiq_lab.audit_pool import ERROR, outcomes, shares
 from socialiq_lab.study import StageCallback, silent, tracked
-from studies.audit_power.power import ERROR, outcomes, shares
 
 Draw = Callable[[np.random.Generator, float, tuple[int, int]], Float[np.ndarray, "audit episode"]]
 

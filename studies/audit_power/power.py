@@ -7,17 +7,17 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq import Ending, estimate_angle
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.verdict.bounds import bound_tests
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.regret import Regrets, RegretTest, regret_test
 from socialiq.audit.verdict.verdict import join_tests
-from socialiq.evaluation.measures import Episodes
 from socialiq.social.angle import angle_of, exact_weights
-from socialiq.statistics import hotelling, intervals
+from socialiq.statistics import hotelling
 from socialiq.types import Row
 from socialiq.worlds.highway.options import Contact
+from socialiq_lab.audit_pool import outcomes, shares
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import StageCallback, silent, tracked
 
@@ -91,37 +91,6 @@ def draw_evidence(truth: Truth, episodes: int, seed: int) -> Evidence:
     policy = outcomes("policy", totals[-1], ending, contact[kind])
     scenario = f"made up: α̂ {angle_of(*truth.policy.tolist()):g} degrees"
     return Evidence(scenario, np.arange(episodes), policy, references, {})
-
-
-def outcomes(
-    name: str,
-    totals: np.ndarray,
-    ending: np.ndarray,
-    contact: np.ndarray,
-    angles: tuple[float, ...] = (),
-) -> Outcomes:
-    """Return outcomes of episodes of one decision each.
-
-    Args:
-        name: Name of the driver.
-        totals: Totals of both rewards, (episode, 2).
-        ending: Values of `Ending`, (episode,).
-        contact: Values of `Contact`, (episode,).
-        angles: Angle in degrees that a reference was made for; empty for a policy.
-    """
-    length = np.ones(len(totals), np.int64)
-    env, social = totals.T
-    episodes = Episodes(r_env=env, r_social=social, ending=ending, contact=contact, length=length)
-    return Outcomes(name, episodes, angles)
-
-
-def shares(number: int, **counts: int) -> Row:
-    """Return shares of a number of audits, each with its 99 % interval."""
-    row: Row = {}
-    for name, count in counts.items():
-        share = intervals.wilson(count, number, 0.99)
-        row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
-    return row
 
 
 def share(name: str, count: int, number: int) -> Row:

@@ -18,7 +18,7 @@ from socialiq.evaluation.episodes import OUTCOMES, policy_row, reward_row
 from socialiq.evaluation.rollout import MODES
 from socialiq.learners import dqn
 from socialiq.learners.iq_learn import config as presets
-from socialiq.social.angle import angle_difference, angle_of
+from socialiq.social.angle import pooled_angle
 from socialiq.types import Row
 from socialiq.worlds.intersection.options import Options
 from socialiq_lab.intersection import rows as intersection
@@ -276,10 +276,9 @@ def angles(of_trios: Mapping[str, Sequence[Row]]) -> list[Row]:
     """
     table: list[Row] = []
     for policy, rows in of_trios.items():
-        angle = angle_of(mean(rows, "r_env"), mean(rows, "r_social"))
-        off = [angle_difference(angle_of(row["r_env"], row["r_social"]), angle) for row in rows]
+        angle, low, high = pooled_angle(column(rows, "r_env"), column(rows, "r_social"))
         label = {"policy": policy, "thesis": thesis_values.FIG_6_5.get(policy, "")}
-        table.append(label | {"angle": angle, "low": angle + min(off), "high": angle + max(off)})
+        table.append(label | {"angle": angle, "low": low, "high": high})
     return table
 
 

@@ -64,8 +64,8 @@ def _visited(state: State) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
 
 def heatmap_rows(state: State) -> list[Row]:
     """Return P(STOP) by the vehicles' places of each policy (Figs 6.3, 6.4)."""
-    part = state.ground.part
-    return [row for shown in _visited(state) for row in stop_rows(part, *shown)]
+    reachable = state.ground.part
+    return [row for policy in _visited(state) for row in stop_rows(reachable, *policy)]
 
 
 def distance_rows(state: State) -> list[Row]:
@@ -184,7 +184,7 @@ def map_figures(results: Results) -> dict[str, Figure]:
     names = [f"expert {mode}" for mode in rollout.MODES], list(COLORS)
     rows = results.tables["heatmaps"]
     pictures = {
-        figure: stop_maps(where(rows, {"policy": shown}), title)
-        for (figure, title), shown in zip(titles.items(), names, strict=True)
+        figure: stop_maps(where(rows, {"policy": policies}), title)
+        for (figure, title), policies in zip(titles.items(), names, strict=True)
     }
     return {figure: picture for figure, picture in pictures.items() if picture}

@@ -14,7 +14,7 @@ from socialiq.evaluation.front import support_intervals
 from socialiq.evaluation.rollout import MODES
 from socialiq.plotting.style import COLORS, Mark, ring
 from socialiq.results_folder import Results, from_csv
-from socialiq.social.angle import angle_difference, angle_of
+from socialiq.social.angle import pooled_angle
 from socialiq.types import Row
 from socialiq_lab.intersection import rows as intersection
 from socialiq_lab.intersection import thesis_values
@@ -28,7 +28,7 @@ from socialiq_lab.intersection.thesis_tables import (
 )
 from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, View
-from socialiq_lab.tables import groups, matching, nested, numeric_means
+from socialiq_lab.tables import column, groups, matching, nested, numeric_means
 from studies.intersection import plan
 from studies.intersection.plan import check as check
 from studies.intersection.plan import jobs
@@ -236,15 +236,9 @@ def _summary(config: Any, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
 
 def _mean(rows: list[Row]) -> Row:
     """Return means over training seeds of numeric columns; the angle is that of the means."""
-    means = numeric_means(rows)
-    angle = angle_of(means["r_env"], means["r_social"])
-    off = [angle_difference(row["angle"], angle) for row in rows]
-    return means | {
-        "angle": angle,
-        "angle_low": angle + min(off),
-        "angle_high": angle + max(off),
-        "seeds": len(rows),
-    }
+    angle, low, high = pooled_angle(column(rows, "r_env"), column(rows, "r_social"))
+    ends = {"angle": angle, "angle_low": low, "angle_high": high}
+    return numeric_means(rows) | ends | {"seeds": len(rows)}
 
 
 def view(results: Results) -> Sequence[View]:

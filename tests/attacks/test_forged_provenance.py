@@ -56,7 +56,7 @@ def test_they_are_said_to_be_claims(passed, reseal, tmp_path, capsys):
 def test_a_signature_covers_them(passed, reseal, tmp_path, keys, capsys):
     private, public = keys
     signed = reseal(passed, tmp_path / "signed", lambda _: None)
-    assert main(["audit", "sign", str(signed), "--key", private]) == 0
+    assert main(["audit", "sign", str(signed), "--key", private, "--believe"]) == 0
     assert main(["audit", "verify", str(signed), "--key", public]) == 0
     capsys.readouterr()
     forged = reseal(signed, tmp_path / "forged", forge)

@@ -117,6 +117,7 @@ COMPARED_BESIDE_THEIR_TESTS = {
     for name in (
         "alternatives",
         "audit-power",
+        "audit-tests",
         "audits",
         "compare-methods",
         "dial",

@@ -22,7 +22,7 @@ def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
     assert first and console
     exec(first[1], {})
     commands = console[1].replace("\\\n", " ").splitlines()
-    assert len(commands) == 9
+    assert len(commands) == 10
     for line in commands:
         program, *words = shlex.split(line)
         assert program == "socialiq"

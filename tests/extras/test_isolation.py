@@ -9,6 +9,7 @@ import os
 import shlex
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -268,6 +269,73 @@ def test_it_can_not_talk_to_another_over_a_file_that_both_read(tmp_path, call, p
     setting = f"[libc := __import__('ctypes').CDLL(None), fcntl := __import__('fcntl'), {call}][2]"
     told = found(tmp_path, setting.replace("PLACE", place))
     assert told in ("OSError", "PermissionError", "0")
+
+
+MEET = """
+import ctypes, os, threading, time
+libc = ctypes.CDLL(None, use_errno=True)
+x86 = os.uname().machine == "x86_64"
+futex, thread_exit, end_of_thread = (202, 60, 218) if x86 else (98, 93, 96)
+libc.mmap.restype = ctypes.c_void_p
+libc.mmap.argtypes = [ctypes.c_void_p, *4 * [ctypes.c_long], ctypes.c_long]
+page = ctypes.c_void_p(libc.mmap(None, 4096, 1, 1, os.open("/usr/bin/env", 0), 0))
+seen = ctypes.c_uint32.from_address(page.value)
+until = time.monotonic() + 2.0
+told = 0
+"""
+"""Two processes map one file of the system, whose words they can't change."""
+
+WAITS = """
+seconds = (ctypes.c_long * 2)(2, 0)
+while time.monotonic() < until and not told:
+    told = int(libc.syscall(futex, page, COMMAND, seen, seconds, None, -1) == 0)
+"""
+
+WAKES = """
+while time.monotonic() < until and not told:
+    told = libc.syscall(futex, page, 1, 9, None, None, 0)
+"""
+
+ENDS = """
+def end():
+    libc.syscall(end_of_thread, page)
+    libc.syscall(thread_exit, 0)
+while time.monotonic() < until:
+    threading.Thread(target=end, daemon=True).start()
+    time.sleep(0.2)
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "wakes"), [("0", WAKES), ("9", WAKES), ("9 + 256", WAKES), ("0", ENDS)]
+)
+def test_two_that_run_at_once_can_not_talk_by_a_page_of_memory(tmp_path, command, wakes):
+    """Attack: a process of an audit waits by a futex in a file of the system; another wakes it."""
+
+    def told(script):
+        folder = tmp_path / str(len(script))
+        folder.mkdir()
+        (folder / "attack.py").write_text(MEET + script)
+        return found(
+            folder, "exec(open(sys.argv[1]).read(), globals()) or told", [folder / "attack.py"]
+        )
+
+    with ThreadPoolExecutor(2) as pool:
+        both = list(pool.map(told, (WAITS.replace("COMMAND", command), wakes)))
+    assert both == ["0", "0"]
+
+
+def test_a_policy_has_one_process_at_a_time(tmp_path):
+    """Attack: the first process lives as long as the audit, and tells each new one what it met."""
+    marker = f"{LONGER + 2}{os.getpid()}"
+    with started(tmp_path, "0", [marker]) as loaded:
+        before = {one.parent.name for one in running(marker)}
+        loaded.restart()
+        after = {one.parent.name for one in running(marker)}
+        assert before and after and not before & after
+        with pytest.raises(UserError, match="found 0"):
+            loaded.policy.predict(OBSERVATIONS)
+    assert not running(marker)
 
 
 def test_what_runs_is_what_was_hashed(tmp_path):

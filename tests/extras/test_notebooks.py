@@ -1,5 +1,8 @@
 """The notebooks run from their first cell to their last, and show tables and figures."""
 
+import os
+import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +14,9 @@ FOLDER = Path(__file__).parents[2] / "examples" / "notebooks"
 
 @pytest.mark.parametrize("name", ["steer", "audit", "recorded"])
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the client
-def test_a_notebook_runs(name, tmp_path):
+def test_a_notebook_runs(name, tmp_path, monkeypatch):
+    places = (str(Path(sys.executable).parent), os.environ["PATH"])
+    monkeypatch.setenv("PATH", os.pathsep.join(places))  # the command `socialiq` of a cell
     if name == "recorded":
         pytest.importorskip("shapely", reason="extra `maps` is not installed")
     place = tmp_path
@@ -28,3 +33,14 @@ def test_a_notebook_runs(name, tmp_path):
     said = "".join(output.get("text", "") for output in outputs)
     assert name != "audit" or said.startswith("pass")
     assert not any("Error" in output.get("name", "") for output in outputs)
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_a_notebook_uses_public_names_alone(path):
+    source = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells)
+    imported = re.findall(r"^(?:from|import) (\S+)", source, re.MULTILINE)
+    assert "socialiq" in imported and not [name for name in imported if name[:9] == "socialiq_"]
+    assert not [name for name in imported if name.startswith("socialiq.")]
+    import socialiq
+
+    assert {*re.findall(r"\bsocialiq\.(\w+)", source)} <= {*socialiq.__all__}

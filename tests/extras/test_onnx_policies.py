@@ -56,6 +56,7 @@ GEMM = Node("Gemm", ["x", "w", "b"], ["y"])
 INT64, FLOAT = TensorProto.INT64, TensorProto.FLOAT
 TARGET = numpy_helper.from_array(np.array([-1, 6]))
 ACTIONS = (("y", INT64, ["batch"]),)
+Z = (("z", INT64, ["batch"]),)
 
 
 @pytest.fixture
@@ -111,6 +112,16 @@ def test_network_may_answer_actions(read, keepdims):
         loaded.policy.predict(OBSERVATIONS)[0], outputs(made, OBSERVATIONS).reshape(-1)
     )
     assert loaded.record.details["answers"] == "actions"
+
+
+def test_file_names_its_sizes_itself(read):
+    assert read(model([GEMM]), None, None).record == read(model([GEMM])).record
+    gemm = Node("Gemm", ["x", "w", "b"], ["actions"])
+    continuous = model([gemm], outputs=(("actions", FLOAT, ["batch", 3]),))
+    assert read(continuous, None, None).record.interface[:3] == (6, 0, 3)
+    integers = model([GEMM, Node("ArgMax", ["y"], ["z"], axis=1, keepdims=0)], outputs=Z)
+    with pytest.raises(UserError, match="whole numbers, of any range: give n_features and n_act"):
+        read(integers, None, None)
 
 
 def test_tables_of_vehicles_are_flattened_by_the_graph(read):

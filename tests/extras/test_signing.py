@@ -119,7 +119,7 @@ def test_report_and_policy_are_signed_and_verified_together(tmp_path, capsys):
     folder = tmp_path / "a"
     assert main([*audit, "--seed", "1", "--out", str(folder)]) in (0, 1, 3)
     private, public = map(str, written(tmp_path, keys()["p256"]))
-    sign = ["audit", "sign", str(folder), "--key", private, "--policy", str(policy)]
+    sign = ["audit", "sign", str(folder), "--key", private, "--believe", "--policy", str(policy)]
     assert main(sign) == 0
     verify = ["audit", "verify", str(folder), "--key", public, "--policy", str(policy)]
     capsys.readouterr()

@@ -42,6 +42,13 @@ def test_paths_may_be_text(data):
                 load(wrong)
 
 
+def test_demonstrations_and_rollouts_print_one_line(data):
+    assert re.fullmatch(r"Demonstrations\(6 episodes, \d+ transitions \(.*\)\)", repr(data))
+    waits = socialiq.QPolicy((np.zeros((3, 6), np.float32),), (np.eye(3)[0],), "relu", 1.0)
+    driven = socialiq.rollout_env(socialiq.make_environment("crossing7"), waits, 50, seed=0)
+    assert repr(driven) == f"Rollout({driven.transitions!r})" and "\n" not in repr(driven)
+
+
 def test_one_run_and_one_set_may_stand_alone(data):
     static = socialiq.StaticConfig(value_term="value_expert", prior="none", **OFFLINE)
     numbers = socialiq.Hyperparameters(angle=45.0)

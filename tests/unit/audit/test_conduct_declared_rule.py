@@ -12,7 +12,7 @@ from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
 from socialiq.audit.report.folder import sealed
 from socialiq.audit.report.verify import faults, read_report
-from socialiq.audit.report.views import VERDICTS, headline
+from socialiq.audit.report.views import colour
 from socialiq.cli.output import Result
 from socialiq.errors import UserError
 from socialiq.evaluation.context import ContextLosses
@@ -103,7 +103,7 @@ def test_a_condition_that_never_holds_shows_no_angle(tmp_path):
     report = audited(path, "fifteen", tmp_path / "out")
     assert report["verdict"]["decision"] == "pass"
     assert "Direction and character are not tested" in report["verdict"]["reason"]
-    assert headline(report) == VERDICTS["kept"]
+    assert colour(report) == "kept"
     texts = [row["text"] for row in report["caveats"] if row["about"] == "rule"]
     assert "not tested where 1000 <= approaching" in texts[1]
 

@@ -215,6 +215,64 @@ def test_a_training_is_compared_with_its_demonstrators(tmp_path, capsys):
     assert line == "no score: --updates 20 are fewer than 500"
 
 
+@pytest.mark.parametrize("silent", [True, False])
+@pytest.mark.parametrize("learner", ["dial", "sac"])
+def test_an_angle_that_nothing_teaches_is_told_before_the_training(
+    learner, silent, tmp_path, capsys
+):
+    pair = "(1.0, -1.0 * (drawn.random() < (0.0 if SILENT else 0.02)))"
+    code = CODE.replace("(float(step.action), -0.5 * step.action)", pair)
+    code = code.replace("SILENT", str(silent)) + "drawn = np.random.default_rng(0)\n"
+    if learner == "sac":
+        code = code.replace("spaces.Discrete(2)", "spaces.Box(-1.0, 1.0, (1,), np.float32)")
+        code = code.replace("self.place += action", "self.place += int(action[0] > 0)")
+    (tmp_path / "a_quiet_road.py").write_text(code)
+    words = ["train", learner, "--world", "a_quiet_road.py:make", "--allow-code", "--out", "run"]
+    small = {"dial": ["replay_batch=4"], "sac": ["updates_per_round=2", "--angle", "45"]}
+    words += ["--updates", "2", "--hidden", "4", "--set", *small[learner]]
+    assert main(words) == 0
+    line = "r_social was 0 in 1,000 steps of random actions: if it is always 0, the angle teaches"
+    assert (line in capsys.readouterr().err) == silent
+
+
+BESIDE = CODE.replace(
+    'return self.seen(), 0.0, self.place == 2, False, {"ending": "arrival"}',
+    """self.queue -= not action
+        info = {"ending": "arrival", "others": OTHERS}
+        return self.seen(), 0.0, self.place == 2, self.queue == 0, info
+
+    def without_ego(self):
+        alone = Road()
+        alone.place, alone.drawn, alone.queue, alone.step = 0, 0.0, self.queue, alone.passes
+        return alone
+
+    def passes(self, _):
+        self.queue -= 1
+        return self.seen(), 0.0, False, self.queue == 0, {"others": 1.0}""",
+).replace("self.place, self.drawn = 0,", "self.queue, self.place, self.drawn = 3, 0,")
+
+
+@pytest.mark.parametrize("others", ["1 - action", "None"])
+def test_effects_of_an_environment_that_drives_without_the_ego(others, tmp_path, capsys):
+    (tmp_path / "a_cli_road.py").write_text(BESIDE.replace("OTHERS", others))
+    policies = ["--policy", "python:a_cli_road.py:goes", "--policy", "python:a_cli_road.py:waits"]
+    words = ["effects", "a_cli_road.py:make", *policies, "--episodes", "4", "--allow-code"]
+    if others == "None":
+        assert main([*words, "--out", "caused"]) == 2
+        assert "must be the progress of others in the step: a number" in refused(capsys)
+        assert not (tmp_path / "caused").exists()
+        return
+    assert main([*words, "--out", "caused", "--json"]) == 0
+    goes, waits = json.loads(capsys.readouterr().out)["drivers"]
+    assert (goes["delay"], waits["delay"]) == (2.0, 0.0)
+    assert (goes["r_caused"], goes["arrival"], waits["arrival"]) == (-1.0, 1.0, 0.0)
+    assert {path.name for path in (tmp_path / "caused").iterdir()} == {
+        "effects.csv",
+        "effects.json",
+        "episodes.csv",
+    }
+
+
 SMALL = ("--updates", "2", "--hidden", "4")
 
 
@@ -258,7 +316,15 @@ def test_dials_are_trained_and_driven(tmp_path, capsys):
         ),
         ("dial a_cli_road.py:make --policy driver", "--allow-code"),
         ("dial a_cli_road.py:make --policy driver --allow-code", "name another policy"),
-        ("effects a_cli_road.py:make --policy python:a_cli_road.py:goes", "without the ego"),
+        ("effects a_cli_road.py:make --policy python:a_cli_road.py:goes", "--allow-code"),
+        (
+            "effects a_cli_road.py:make --policy python:a_cli_road.py:goes --allow-code",
+            "does not give: add a method without_ego",
+        ),
+        (
+            "effects a_cli_road.py:make --policy random --allow-code --tow-after 3",
+            "--tow-after is of a road as the world",
+        ),
     ],
 )
 def test_dials_and_effects_that_an_environment_cannot_have(words, line, tmp_path, capsys):

@@ -52,9 +52,18 @@ def test_the_top_page_lists_every_command(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     status, out, _ = run(capsys, "--help")
     assert status == 0
-    starts = [line.strip() for line in out.splitlines()]
-    assert all(any(line.startswith(name) for line in starts) for name in COMMANDS)
     assert out == help_page()
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    for name in COMMANDS:
+        group, _, last = name.partition(" ")
+        if group in GROUPS:
+            [line] = (line for line in lines if line.lower().startswith(f"{group} {GROUPS[group]}"))
+            assert last in line.partition(": ")[2].split(", "), name
+        else:
+            assert f"{name} {commands.summary(name)}" in lines
+    ordered = ["for everyone:", "page", "for engineers:", "train", "for auditors:", "audit"]
+    places = [next(i for i, line in enumerate(lines) if line.startswith(w)) for w in ordered]
+    assert places == sorted(places)
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -173,7 +182,32 @@ def test_help_and_unknown_commands_import_nothing_heavy():
     assert done.stdout.split() == ["[]", "[]"]
 
 
-def test_completion_knows_commands_of_two_words(capsys):
-    status, out, _ = run(capsys, "--tyro-print-completion", "bash")
+def test_completion_knows_commands_of_two_words(capsys, tmp_path):
+    status, out, _ = run(capsys, "completion", "bash")
     assert status == 0
-    assert "from-minari" in out and "--strength" in out
+    script = tmp_path / "completion.bash"
+    script.write_text(out)
+    lines = [
+        f"source {script}",
+        "COMP_WORDS=(socialiq {words}); COMP_CWORD={last}; _tyro_socialiq; echo ${{COMPREPLY[*]}}",
+    ]
+    for words, answer in {
+        "data from-m": "from-minari",
+        "train iq-learn --stren": "--strength",
+        "audit ver": "verify",
+    }.items():
+        last = len(words.split())
+        text = "\n".join(lines).format(words=words, last=last)
+        done = subprocess.run(["bash", "-c", text], capture_output=True, text=True, check=True)
+        assert done.stdout == f"{answer}\n"
+    assert run(capsys, "completion", "zsh")[1].startswith("#compdef socialiq")
+    said = "socialiq: shell fish: choose one of bash, zsh\n"
+    assert run(capsys, "completion", "fish") == (2, "", said)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_no_words_of_the_parser(name, capsys):
+    _, out, _ = run(capsys, *name.split(), "--help")
+    text = " ".join(re.sub("[│╭╮╰╯─]", " ", out).split())
+    for words in ("{None}", "options options", "(default: )", "(default: None)", "default: ''"):
+        assert words not in text

@@ -95,7 +95,7 @@ def test_a_sweep_marks_runs_that_have_not_settled(runs, tmp_path):
         for updates, angle in zip((10, 20), angles, strict=True)
     ]
     _, right = thesis.adaptation(rows, "title", -42.0).axes
-    assert [(line.get_ydata()[0], line.get_marker()) for line in right.lines] == [
+    assert [(np.asarray(line.get_ydata()).item(), line.get_marker()) for line in right.lines] == [
         (20, "x"),
         (20, "."),
     ]

@@ -234,3 +234,41 @@ def test_a_bound_that_the_best_driver_fails_is_refused_with_the_figure(
         r"at (most|least) .*: declare another limit\n$",
         fault,
     ), fault
+
+
+WORLDS = {
+    "crossing5": (),
+    "crossing7": (),
+    "crosswalk7": (),
+    "intersection": (),
+    "intersection,reward=caused": (),
+    "intersection,people=0.1": (),
+    "intersection,control=continuous": (),
+    "intersection,control=steering": (0, 45),
+    "intersection,people=0.1,cyclists=0.1": (0, 45),
+}
+"""Worlds with drivers of their own, and the angles at which none of these keeps the defaults."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [0, 45, 90])
+@pytest.mark.parametrize("world", WORLDS)
+def test_a_default_declaration_can_be_passed_or_says_by_which_figures_not(
+    tmp_path, capsys, world, angle
+):
+    """Before, some defaults could be passed by no driver of the world, and nothing said so."""
+    out = tmp_path / "profile.toml"
+    assert main(["profile", "new", "--world", world, "--angle", str(angle), "--out", str(out)]) == 0
+    said = capsys.readouterr().err
+    assert ("Note: none of " in said) == (angle in WORLDS[world])
+    assert "can't pass" not in said
+    if angle in WORLDS[world]:
+        assert "arrives in " in said and "(at least 80 % asked for)" in said
+
+
+def test_a_declaration_that_no_one_can_keep_is_written_with_a_note(tmp_path, capsys):
+    out = tmp_path / "profile.toml"
+    assert new(out, "--max-delay=-50") == 0 and out.exists()
+    note = capsys.readouterr().err
+    assert "Note: an audit can't pass: the best driver of 30 degrees" in note
+    assert main(["profile", "check", str(out)]) == 2

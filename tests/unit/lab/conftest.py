@@ -10,6 +10,7 @@ import pytest
 from tests.patience import wait_until
 
 import socialiq
+import socialiq_lab
 from socialiq_lab.cluster import PORTABLE
 
 QUICK_JOBS = '''
@@ -129,7 +130,8 @@ def module_of_quick_jobs(tmp_path_factory):
 def processes_that_end_with_the_test(quick):
     """Start a Python process that can import the quick jobs."""
     started = []
-    path = [str(Path(quick.__file__).parent), str(Path(socialiq.__file__).parents[1])]
+    packages = [str(Path(module.__file__).parents[1]) for module in (socialiq, socialiq_lab)]
+    path = [str(Path(quick.__file__).parent), *packages]
 
     def start(*arguments, **variables):
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path), **variables}
@@ -154,14 +156,14 @@ def processes_that_end_with_the_test(quick):
 def clusters_on_the_loopback(start, tmp_path):
     """Start a scheduler and workers; return its file and the processes."""
 
-    def begin(workers=2, **variables):
+    def begin(workers=2, *further, **variables):
         file = tmp_path / "scheduler.json"
         file.unlink(missing_ok=True)
         usual = ["--no-dashboard", "--scheduler-file", file]
         scheduler = start("-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", 0, *usual)
         # The scheduler makes its file first and fills it then.
         wait_until(lambda: file.exists() and file.read_text().rstrip().endswith("}"))
-        options = ["--nthreads", 1, "--local-directory", tmp_path / "scratch", *usual]
+        options = ["--nthreads", 1, "--local-directory", tmp_path / "scratch", *usual, *further]
         arguments = ["-m", "dask", "worker", "--host", "127.0.0.1", *options]
         variables = {**PORTABLE, "OMP_NUM_THREADS": "1", **variables}
         return file, scheduler, [start(*arguments, **variables) for _ in range(workers)]

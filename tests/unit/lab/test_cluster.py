@@ -6,9 +6,12 @@ import signal
 import threading
 
 import pytest
+from distributed import Client
 from tests.patience import HANG, wait_until
 
 from socialiq.errors import UserError
+from socialiq.evaluation.parts import ONE_THREAD
+from socialiq.worlds.highway import PORTABLE
 from socialiq_lab import cluster as cluster_module
 from socialiq_lab.engine import run_jobs
 from socialiq_lab.jobs import Job
@@ -146,10 +149,22 @@ def test_ctrl_c_stops_the_jobs_of_the_cluster_and_leaves_its_workers(
 
 def test_a_worker_with_other_arithmetic_is_refused(quick, start_cluster, tmp_path):
     file, _, _ = start_cluster(1, OPENBLAS_CORETYPE="Zen")
-    line = r'^the worker on \S+ was not started with OPENBLAS_CORETYPE="Haswell"$'
+    line = (
+        r'^the worker on \S+ was not started with OPENBLAS_CORETYPE="Haswell": start it with `dask '
+    )
+    line += r"worker --preload-nanny socialiq_lab.cluster`$"
     with pytest.raises(UserError, match=line):
         run_jobs(jobs_of(quick), tmp_path / "work", silent, cluster=str(file))
     assert not (tmp_path / "work" / "s").exists()
+
+
+def test_a_worker_of_our_preload_sets_its_variables_itself(quick, start_cluster, tmp_path):
+    others = {"OPENBLAS_CORETYPE": "Zen", "NPY_DISABLE_CPU_FEATURES": "", "OMP_NUM_THREADS": "7"}
+    file, _, _ = start_cluster(1, "--preload-nanny", "socialiq_lab.cluster", **others)
+    run_jobs(jobs_of(quick), tmp_path / "work", silent, cluster=str(file))
+    with Client(cluster_module.scheduler_address(file), set_as_default=False) as client:
+        [variables] = client.run(lambda: dict(os.environ)).values()
+    assert {**variables, **PORTABLE, **ONE_THREAD} == variables
 
 
 def test_a_cluster_without_workers_is_told(quick, start_cluster, monkeypatch, tmp_path):

@@ -23,6 +23,13 @@ def test_stable_baselines_zip_of_the_example(crafted):
     assert (record["n_features"], record["n_actions"], record["soft"]) == (70, 3, True)
 
 
+def test_stable_baselines_zip_names_its_sizes_itself(crafted):
+    path = crafted.examples / "dqn_intersection.zip"
+    record = load_policy(path).record
+    assert record.interface == load_policy(path, 70, 3).record.interface
+    assert record.as_json() == load_policy(path, 70, 3).record.as_json()
+
+
 def test_neither_torch_nor_stable_baselines_is_imported(crafted, monkeypatch):
     for name in ("torch", "stable_baselines3", "cloudpickle"):
         monkeypatch.setitem(sys.modules, name, None)

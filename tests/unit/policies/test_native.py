@@ -6,6 +6,7 @@ import pytest
 
 import socialiq
 from socialiq.errors import UserError
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import Choice, OneHot, View
@@ -61,6 +62,25 @@ def test_policy_is_the_one_that_was_saved(tmp_path, make):
     np.testing.assert_array_equal(loaded.policy.predict(OBSERVATIONS)[0], expected)
     record = loaded.record.as_json()
     assert (record["kind"], record["content_sha256"], record["soft"]) == ("policy", sha256, True)
+
+
+def test_file_or_object_names_its_sizes_itself(tmp_path):
+    actor = ActorPolicy(arrays(14, 8, 2), zeros(8, 2), "relu", 1)
+    for saved, sizes in [(policy(), (14, 3, 0)), (dial(), (14, 3, 0)), (actor, (14, 0, 1))]:
+        path = tmp_path / f"{saved.KIND}.safetensors"
+        saved.save(path)
+        angle = 30.0 if saved.KIND == "dial" else None
+        for spec in (str(path), path, saved):
+            loaded = load_policy(spec, angle=angle)
+            assert loaded.record.interface[:3] == sizes
+            assert loaded.policy.predict(OBSERVATIONS)[0].shape == (50, 1)[: 1 + sizes[2]]
+    with pytest.raises(UserError, match="takes 14 features and 3 actions, the world has 14 and 4"):
+        load_policy(tmp_path / "policy.safetensors", n_actions=4)
+    for spec in ("process:true", "python:theirs.py:careful"):
+        with pytest.raises(UserError, match=f"^{spec} names no sizes: give n_features and n_act"):
+            load_policy(spec)
+    with pytest.raises(UserError, match=r"unknown kind of policy 'policy.pt'"):
+        load_policy("policy.pt")
 
 
 def test_dial_is_audited_at_an_angle(tmp_path):

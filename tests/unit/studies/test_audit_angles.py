@@ -13,14 +13,9 @@ from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import decide
 from socialiq.statistics.intervals import clopper_pearson
 from socialiq_lab.audit_arena import default_declaration
-from studies.audit_angles.drivers import Driven, drive_optima, mixtures, rash
-from studies.audit_angles.study import (
-    Audits,
-    harmful,
-    most_events,
-    resampled,
-    worst_rows,
-)
+from socialiq_lab.audit_drivers import Driven, drive_optima, mixtures, rash
+from socialiq_lab.audit_pool import Audits, most_events, resampled
+from studies.audit_angles.study import harmful, worst_rows
 
 EPISODES, AUDITS = 300, 8
 

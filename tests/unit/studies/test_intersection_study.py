@@ -165,7 +165,7 @@ def test_settings_of_experts_and_learners_reach_every_run_of_the_main_part():
         ("learner.lambda", "2", "there is no setting lambda: choose one of"),
         ("learner.temperature", "hot", "temperature must be a number, got 'hot'"),
         ("learner.target_kind", "none", "unknown target_kind 'none': choose one of running, to_go"),
-        ("learner", "3", r"write learner\.KEY=VALUE"),
+        ("learner", "3", r"choose one of learner\.KEY=VALUE"),
         ("learner.updates", "4", r"learner\.updates is decided by the study"),
         ("expert.nosuch", "1", "there is no setting nosuch: choose one of activation, batch_size"),
     ],

@@ -31,6 +31,7 @@ TINY = (
     "off-policy",
     "audits",
     "audit-power",
+    "audit-tests",
 )
 """Studies that run in one process."""
 
@@ -180,6 +181,16 @@ def check_audit_power(tables, _summary):
     for row in tables["verdicts"]:
         assert row["passed"] + row["failed"] + row["inconclusive"] == pytest.approx(1, abs=1e-5)
     assert all(row["low"] <= row["covered"] <= row["high"] for row in tables["coverage"])
+
+
+def check_audit_tests(tables, summary):
+    assert len(tables["tests"]) == 5 * 7 * 3  # tests, shapes, positions
+    for row in tables["tests"]:
+        assert row["passed"] + row["failed"] <= 1.0
+        kept = summary["tests"][row["test"]][f"{row['shape']}, {row['position']}"]
+        assert kept == {"passed": row["passed"], "failed": row["failed"]}
+    assert all(row["found_low"] <= row["found"] <= row["found_high"] for row in tables["orders"])
+    assert all(0.0 <= row["named"] <= 1.0 for row in tables["switching"])
 
 
 def test_what_must_hold_of_its_tables(study):

@@ -41,12 +41,16 @@ def test_features_of_the_intersection():
     rows[0] = (1, 0.02, 0.41, 0, -0.4, 0, -1)  # the ego: 41 m south of the centre, 8 m/s north
     rows[1] = (1, -0.15, 0.02, 0.5, 0, 1, 0)  # 10 m/s to the east, 6 m before the junction
     rows[2] = (1, 0.06, 0.40, 0, 0, 0, -1)  # stands 4 m beside the ego
-    found = _each("intersection", tuple(SITUATIONS["intersection"]), seen)
+    names = tuple(SITUATIONS["intersection"])
+    found = _each("intersection", names[:5], seen) | _each("intersection", names[5:], seen)
     expected = {"vehicles": 2, "vehicles_within_30m": 1, "waiting": 1, "crossing": 1}
     expected |= {"crossing_with_priority": 1, "metres_to_stop_line": 30.0, "ego_speed": 8.0}
     for name, value in expected.items():
         assert found[name] == pytest.approx([value], abs=1e-4), name
     assert found["nearest_metres"] == pytest.approx([np.hypot(4, 1)], abs=1e-4)
+    assert found["nearest_on_the_left"].tolist() == [0]
+    rows[2, 1] = -0.02
+    assert _each("intersection", names[5:], seen)["nearest_on_the_left"].tolist() == [1]
 
 
 def _each(world: str, names: tuple[str, ...], seen: np.ndarray) -> dict[str, np.ndarray]:

@@ -40,19 +40,19 @@ def compared(claim: Claim, claims: Mapping[str, Claim], at: At) -> dict[str, str
     pattern = claim["spreads_of"]
     cells = [cell for name, cell in claims.items() if re.fullmatch(pattern, name)]
     cells = [cell for cell in cells if cell.get("spread")]
-    ours, result = _judged(cells, lambda cell: own_spread(cell, at))
-    matched, verdict_matched = _judged(cells, lambda cell: matched_spread(cell, at))
+    ours, result = _judged(cells, "intersection", at)
+    matched, verdict_matched = _judged(cells, "expert-strength", at)
     judged = {"matched": matched, "verdict_matched": verdict_matched}
     return {"ours": ours, "from_numbers": result} | judged
 
 
-def _judged(cells: list[Claim], spread_of: Callable[[Claim], tuple[float, int]]) -> tuple[str, str]:
+def _judged(cells: list[Claim], study: str, at: At) -> tuple[str, str]:
     """Return the ratios of the cells as text, and the verdict."""
     confidence = 1.0 - (1.0 - CONFIDENCE) / len(cells)
     words = []
     ratios = []
     for cell in cells:
-        deviation, degrees = spread_of(cell)
+        deviation, degrees = spread_in(study, cell, at)
         of_thesis = PRINTED[cell["spread_of"]] - 1
         ratio = variance_ratio((deviation, degrees), (cell["spread"], of_thesis), confidence)
         ratios.append(ratio)
@@ -66,40 +66,25 @@ def _judged(cells: list[Claim], spread_of: Callable[[Claim], tuple[float, int]])
     return f"ours for the thesis', ratio of variances: {', '.join(words)}; {counts}", verdict
 
 
-def _place(cell: Claim) -> tuple[str, list[str]]:
-    study, path = cell["our_value"].strip("{}").split(":")
-    return study, path.split(".")
-
-
-def own_spread(cell: Claim, at: At) -> tuple[float, int]:
-    """Return our deviation of a cell of the intersection study, with its degrees of freedom.
+def spread_in(study: str, cell: Claim, at: At) -> tuple[float, int]:
+    """Return our deviation of a cell of Table 6.2 or A.1, with its degrees of freedom.
 
     Args:
-        cell: Claim of a printed mean with a spread.
+        study: "intersection", or "expert-strength" with experts like the thesis'.
+        cell: Claim of a printed mean with a spread, whose `our_value` is a place of the first.
         at: Reads the results.
     """
-    study, path = _place(cell)
+    path = cell["our_value"].strip("{}").partition(":")[2].split(".")
+    matched = study == "expert-strength"
+    policies = len(at(study, "config.trios")) if matched else 1
     if cell["spread_of"] == "episodes":
-        return float(at(study, ".".join([*path[:-1], "sd"]))), at(study, "config.pool_episodes") - 1
-    deviation = float(at(study, ".".join([*path[:-1], "over_evaluation"])))
-    policies = 1 if "experts_flat_greedy" in path else len(at(study, "config.seeds"))
-    return deviation, policies * (at(study, "config.evaluation_seeds") - 1)
-
-
-def matched_spread(cell: Claim, at: At) -> tuple[float, int]:
-    """Return the deviation of a cell with experts like the thesis', with its degrees of freedom.
-
-    Args:
-        cell: Claim of a printed mean with a spread.
-        at: Reads the results.
-    """
-    study = "expert-strength"
-    _, path = _place(cell)
-    trios = len(at(study, "config.trios"))
-    if cell["spread_of"] == "episodes":
-        deviation = float(at(study, ".".join([*path[:-1], "ours_sd"])))
-        return deviation, trios * (at(study, "config.pool_episodes") - 1)
-    table, _, policy, metric, _ = path
-    deviation = float(at(study, f"{table}.{policy}.{metric}.over_evaluation"))
-    seeds = 1 if policy.startswith("expert") else len(at(study, "config.seeds"))
-    return deviation, trios * seeds * (at(study, "config.evaluation_seeds") - 1)
+        path[-1] = "ours_sd" if matched else "sd"
+        values = at(study, "config.pool_episodes")
+    else:
+        path[-1] = "over_evaluation"
+        values = at(study, "config.evaluation_seeds")
+        if not path[2].startswith("expert"):
+            policies *= len(at(study, "config.seeds"))
+        if matched:
+            del path[1]  # the preset
+    return float(at(study, ".".join(path))), policies * (values - 1)

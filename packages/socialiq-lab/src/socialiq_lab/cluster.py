@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import dask.config
-from distributed import Client, LocalCluster, Worker, get_worker
+from distributed import Client, LocalCluster, Nanny, Worker, get_worker
 
 from socialiq import UserError
+from socialiq.evaluation.parts import ONE_THREAD
 from socialiq.learners.callbacks import Stopped, StopRequest
 from socialiq.results_folder import versions
 from socialiq.storage import read_json, write_atomically
@@ -255,7 +256,10 @@ def check(expected: dict[str, str], work: Path, call: str) -> None:
     host = os.uname().nodename if hasattr(os, "uname") else "a worker"
     for name, value in expected.items():
         if here[name] != value and name in PORTABLE:
-            raise UserError(f'the worker on {host} was not started with {name}="{value}"')
+            raise UserError(
+                f'the worker on {host} was not started with {name}="{value}": start it with '
+                "`dask worker --preload-nanny socialiq_lab.cluster`"
+            )
         if here[name] != value:
             raise UserError(f"the worker on {host} has {name} {here[name]}, this process {value}")
     deadline = time.monotonic() + _SHARED_SECONDS
@@ -267,13 +271,19 @@ def check(expected: dict[str, str], work: Path, call: str) -> None:
         time.sleep(0.2)
 
 
-def dask_setup(worker: Worker) -> None:
-    """Prepare a process of the local cluster, before it takes jobs.
+def dask_setup(worker: Worker | Nanny) -> None:
+    """Prepare a process of a cluster, before it takes jobs.
 
+    A nanny (`dask worker --preload-nanny socialiq_lab.cluster`) gives its worker the variables that
+    must be set before a process starts. What follows is for a worker of the local cluster.
     A Ctrl-C at the terminal is for the command alone, which passes it on. Libraries count the
     cores when they start their threads, so the process is pinned before that; two threads that wait
     for one another on one core are several times as slow as one.
     """
+    if isinstance(worker, Nanny):
+        for variables in (worker.pre_spawn_env, worker.env):  # set before and after the start
+            variables.update(ONE_THREAD | PORTABLE)
+        return
     if hasattr(os, "setpgid"):
         os.setpgid(0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -22,11 +22,13 @@ from typing import Any
 import filelock
 
 from socialiq import UserError
+from socialiq.evaluation.parts import ONE_THREAD
 from socialiq.learners.callbacks import Callbacks, Report, Stopped, stop_requests
 from socialiq.results_folder import as_csv
 from socialiq.storage import read_json, remove_cut_off_writes, write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds.highway import PORTABLE
 
 RECORD = "job.json"
 _BEGUN = "begun.json"
@@ -106,12 +108,9 @@ def job_environment(work: Path) -> dict[str, str]:
     The cache is the folder that the caller's environment names, else a folder of the jobs. Several
     processes may share a GPU, so none takes its memory in advance.
     """
-    from socialiq.worlds.highway import PORTABLE
-
     compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
-    threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
     return {
-        **dict.fromkeys(threads, "1"),
+        **ONE_THREAD,
         **PORTABLE,
         "JAX_COMPILATION_CACHE_DIR": compiled,
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",

@@ -103,43 +103,59 @@ def enter(user: int, processes: int, size: int, command: list[str]) -> int:
     return 127
 
 
+_EVERYWHERE = (425, 449, 451, 454, 455, 456)
 _REFUSED = {
-    "x86_64": (0xC000003E, 72, (73, 221, 248, 249, 250, 253, 294, 300, 327, 425, 451)),
-    "aarch64": (0xC00000B7, 25, (26, 32, 217, 218, 219, 223, 262, 286, 425, 451)),
+    "x86_64": (0xC000003E, 72, 202, (73, 221, 248, 249, 250, 253, 294, 300, 327, *_EVERYWHERE)),
+    "aarch64": (0xC00000B7, 25, 98, (26, 32, 217, 218, 219, 223, 262, 286, *_EVERYWHERE)),
 }
-"""Numbers of the architecture, of fcntl, and of refused calls, by machine: flock, fadvise64,
-add_key, request_key, keyctl, inotify_init, inotify_init1, fanotify_init, preadv2, io_uring_setup,
-cachestat. They tell of other processes by a file, a keyring or the page cache that both use."""
+"""Numbers of the architecture, of fcntl, of futex, and of refused calls, by machine: flock,
+fadvise64, add_key, request_key, keyctl, inotify_init, inotify_init1, fanotify_init, preadv2,
+io_uring_setup, futex_waitv, cachestat, futex_wake, futex_wait, futex_requeue. They tell of other
+processes by a file, a keyring or the page cache that both use."""
 
 _LOCKS = (5, 6, 7, 36, 37, 38, 1024, 1025, 1026)
 """Commands of fcntl for locks, leases and notices of a folder."""
 
+_WAITS = tuple(command + clock for clock in (0, 256) for command in (0, 6, 8, 9, 11, 13))
+"""Commands of futex that wait for other processes, by a word in memory or in a file that both map.
+Without one that waits, one that wakes has no effect and learns nothing. Those within a process have
+another number (128 more). C libraries wait so for a thread's end; they then ask over and over."""
+
 
 def _refuse_calls() -> None:
-    """Let refused calls fail with ENOSYS, by a filter (seccomp) that no process can take off."""
+    """Let refused calls fail with ENOSYS, and waits for other processes with EAGAIN.
+
+    No process can take off this filter (seccomp).
+    """
     import ctypes
 
-    architecture, fcntl, refused = _REFUSED[os.uname().machine]
+    architecture, fcntl, futex, refused = _REFUSED[os.uname().machine]
     load = 0x20
     equal = 0x15
     at_least = 0x35
     end = 0x06
-    # Fields of a call: its number at byte 0, the architecture at 4, the second argument at 24.
-    lines = [(load, 4), (equal, architecture), (end, 0x80000000), (load, 0)]
-    tests = [(at_least, 0x40000000), *((equal, number) for number in refused)]
-    locks = [(equal, command) for command in _LOCKS]
-    allow = end, 0x7FFF0000
-    refuse = end, 0x00050000 | 38
-    lines += [*tests, (equal, fcntl), allow, (load, 24), *locks, allow, refuse]
+    allow = end, 0, 0x7FFF0000
+    refuse = end, 0, 0x00050000 | 38
+    again = end, 0, 0x00050000 | 11
+
+    def any_of(tests: list[tuple[int, int]], lines_after: int) -> list[tuple[int, int, int]]:
+        """Return tests that jump over those that follow, and over `lines_after`, if they hold."""
+        last = len(tests) - 1 + lines_after
+        return [(code, last - index, value) for index, (code, value) in enumerate(tests)]
+
+    # Each line has a code, the number of lines that it jumps over if it holds, and a value. Fields
+    # of a call: its number at byte 0, the architecture at 4, the second argument at 24.
+    second = load, 0, 24
+    locks = [second, *any_of([(equal, command) for command in _LOCKS], 1), allow, refuse]
+    waits = [second, *any_of([(equal, command) for command in _WAITS], 1), allow, again]
+    calls = [(equal, 2, fcntl), (equal, 1 + len(locks), futex), allow, *locks, *waits]
+    # Numbers of another instruction set of the same architecture are refused too.
+    numbers = [(at_least, 0x40000000), *((equal, number) for number in refused)]
+    lines = [(load, 0, 4), (equal, 1, architecture), (end, 0, 0x80000000), (load, 0, 0)]
+    lines += [*any_of(numbers, 2 + len(locks)), *calls]
     program = b""
-    for index, (code, value) in enumerate(lines):
-        if (code, value) == (equal, architecture) or (
-            index > 3 and (code, value) == (equal, fcntl)
-        ):
-            yes = 1
-        else:
-            yes = len(lines) - 2 - index if code in (equal, at_least) else 0
-        program += code.to_bytes(2, sys.byteorder) + bytes((yes, 0))
+    for code, over, value in lines:
+        program += code.to_bytes(2, sys.byteorder) + bytes((over, 0))
         program += value.to_bytes(4, sys.byteorder)
     buffer = ctypes.create_string_buffer(program)
 

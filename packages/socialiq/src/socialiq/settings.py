@@ -47,17 +47,14 @@ def changed(config: ConfigType, values: Mapping[str, Any]) -> ConfigType:
         if first not in names:
             raise UserError(f"there is no setting {first}: choose one of {', '.join(names)}")
         before = changes.get(first, getattr(current, first))
-        if dataclasses.is_dataclass(before):
+        is_mapping = isinstance(before, Mapping)
+        if is_mapping or dataclasses.is_dataclass(before):
             inner = {below: value} if below else value
             if not isinstance(inner, Mapping):
-                below_names = ", ".join(f"{first}.{name}" for name, _ in _leaves(before))
-                raise UserError(f"{first} has settings of its own: choose one of {below_names}")
-            changes[first] = changed(before, inner)
-        elif isinstance(before, Mapping):
-            inner = {below: value} if below else value
-            if not isinstance(inner, Mapping):
-                raise UserError(f"{first} takes settings by name: write {first}.KEY=VALUE")
-            changes[first] = {**before, **inner}
+                below_names = [] if is_mapping else [name for name, _ in _leaves(before)]
+                names_below = ", ".join(f"{first}.{name}" for name in below_names or ["KEY=VALUE"])
+                raise UserError(f"{first} has settings of its own: choose one of {names_below}")
+            changes[first] = {**before, **inner} if is_mapping else changed(before, inner)
         elif below:
             raise UserError(f"there is no setting {name}: {first} has no settings of its own")
         else:

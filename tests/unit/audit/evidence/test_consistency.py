@@ -1,8 +1,5 @@
 """Answers of a policy, asked again."""
 
-import contextlib
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -35,36 +32,49 @@ def honest(batch):
     return batch[:, 0] > 0
 
 
-def started(policy):
-    """Return what starts the process of a policy."""
-    return lambda: contextlib.nullcontext(SimpleNamespace(policy=policy))
+class Processes:
+    """Processes of a policy, one after another; the last is not ended."""
+
+    def __init__(self, *policies):
+        self.waiting = list(policies)
+        self.restart()
+
+    def restart(self):
+        self.now = self.waiting.pop(0) if len(self.waiting) > 1 else self.waiting[0]
+
+    def predict(self, *asked, **how):
+        return self.now.predict(*asked, **how)
 
 
-def recorded(policy, fresh=None, batches=6, rows=200):
-    recorder, rng = Recorder(policy, started(fresh)), np.random.default_rng(0)
+def recorded(first, fresh=None, last=None, batches=6, rows=200):
+    """A policy whose episodes one process drives; `fresh` is asked all again, `last` alone."""
+    processes = Processes(first, fresh or first, last or fresh or first)
+    recorder, rng = Recorder(processes, processes.restart), np.random.default_rng(0)
     for _ in range(batches):
         recorder.predict(rng.normal(size=(rows, 3)).astype(np.float32))
     return recorder
 
 
 def test_an_honest_policy_is_consistent():
-    fresh = By(honest)
-    found = recorded(By(honest), fresh).check()
+    first, fresh, last = By(honest), By(honest), By(honest)
+    found = recorded(first, fresh, last).check()
     assert found == ((1200, 0), (1200, 0), (SINGLE, 0)) and found.dependences(False) == []
-    # The new process first meets single observations, then batches of other sizes.
-    assert set(fresh.sizes[:SINGLE]) == {1}
-    assert 200 not in fresh.sizes and sum(fresh.sizes[SINGLE:]) == 1200
+    # One meets every batch of the episodes, and then again.
+    assert first.sizes == [200] * 6 and fresh.sizes == [200] * 12
+    # The last one first meets single observations, then batches of other sizes.
+    assert set(last.sizes[:SINGLE]) == {1}
+    assert 200 not in last.sizes and sum(last.sizes[SINGLE:]) == 1200
 
 
 def test_the_answers_are_passed_on():
-    recorder = Recorder(By(lambda batch: batch[:, 0]), started(None))
+    recorder = Recorder(By(lambda batch: batch[:, 0]), lambda: None)
     chosen, state = recorder.predict(np.array([[2.0], [1.0]], np.float32), "state")
     assert chosen.tolist() == [2, 1] and state == "state"
     assert recorder.predict(np.array([2.0], np.float32))[0] == 2
 
 
 def test_observations_are_kept_as_they_were():
-    recorder, batch = Recorder(By(honest), started(By(honest))), np.ones((10, 1), np.float32)
+    recorder, batch = Recorder(By(honest), lambda: None), np.ones((10, 1), np.float32)
     recorder.predict(batch)
     batch[:] = -1.0
     assert recorder.check().repeated == (10, 0)
@@ -81,28 +91,23 @@ def counting(limit):
 
 
 @pytest.mark.parametrize(
-    ("ours", "fresh", "which"),
+    ("fresh", "last", "which"),
     [
         (counting(6), honest, ["the time or the number of requests"]),
         (honest, lambda batch: np.zeros(len(batch)), ["the batch, the order or the process"]),
         (honest, lambda batch: honest(batch) & (len(batch) > 1), ["the batch, the order or"]),
     ],
 )
-def test_what_the_answers_depend_on_is_told(ours, fresh, which):
-    found = recorded(By(ours), By(fresh)).check().dependences(False)
+def test_what_the_answers_depend_on_is_told(fresh, last, which):
+    found = recorded(By(honest), By(fresh), By(last)).check().dependences(False)
     assert [one[: len(text)] for one, text in zip(found, which, strict=True)] == which
 
 
-def test_each_block_has_a_new_process_and_the_first_meets_all_requests():
-    first, later = By(honest), [By(lambda batch, n=n: np.full(len(batch), n)) for n in (5, 6)]
-    waiting = iter(later)
-    recorder = Recorder(first, lambda: started(next(waiting))())
-    answers = []
-    for rows in (3, 4, 5):
-        with recorder.new_process():
-            answers.append(recorder.predict(np.ones((rows, 1), np.float32))[0].tolist())
-    assert answers == [[1] * 3, [5] * 4, [6] * 5]
-    assert first.sizes == [3, 4, 5] and [one.sizes for one in later] == [[4], [5]]
+def test_one_process_is_asked_as_often_as_all_of_the_episodes():
+    """Although not every batch is kept."""
+    fresh = By(honest)
+    recorded(By(honest), fresh, By(honest), batches=1000, rows=100).check()
+    assert 1000 <= len(fresh.sizes) <= 1300
 
 
 @pytest.mark.parametrize(("shift", "differs"), [(0.0, False), (1e-6, False), (1e-3, True)])
@@ -113,7 +118,8 @@ def test_continuous_answers_may_differ_by_rounding_alone(shift, differs):
         asked.append(1)
         return np.tanh(batch[:, :2]) + np.float32(shift * (len(asked) > 6))
 
-    found = recorded(By(drifting), By(lambda batch: np.tanh(batch[:, :2]))).check()
+    steady = By(lambda batch: np.tanh(batch[:, :2]))
+    found = recorded(steady, By(drifting), steady).check()
     assert found.repeated == (1200, 1200 * differs)
     assert found.shuffled == (1200, 0) and found.single == (SINGLE, 0)
 
@@ -134,11 +140,10 @@ def test_a_rare_rounding_is_no_dependence():
 
 
 def test_what_is_kept_is_spread_over_all_requests():
-    policy = By(honest)
-    recorder = recorded(policy, By(honest), batches=1000, rows=100)
+    recorder = recorded(By(honest), batches=1000, rows=100)
     kept = recorder.check().repeated.queries
     assert MOST_ROWS / 2 <= kept <= MOST_ROWS
-    large = recorded(By(honest), By(honest), batches=20, rows=MOST_ROWS)
+    large = recorded(By(honest), batches=20, rows=MOST_ROWS)
     assert large.check().repeated.queries <= FEWEST_BATCHES * MOST_ROWS
 
 

@@ -13,6 +13,8 @@ from socialiq.audit.report.folder import views_of
 from socialiq.audit.report.pictures import front
 from socialiq.audit.report.views import (
     arcs,
+    colour,
+    compatible,
     degrees,
     markdown,
     meaning,
@@ -22,6 +24,7 @@ from socialiq.audit.report.views import (
     replays,
 )
 from socialiq.audit.report.views import html as page
+from socialiq.audit.report.views import tested as rows_of
 from socialiq.audit.report.words import names_of
 from socialiq.page.webassembly.layout import layout
 from socialiq.to_json import to_json
@@ -120,13 +123,62 @@ def test_the_front_by_hand():
 def test_words():
     assert number(-0.12345) == "−0.123" and number(12345.6) == "12,346" and number(-0.0) == "0"
     assert number(None) == "–" and percent(0.125) == "12.5 %" and degrees(141.52) == "141.5°"
-    assert arcs([{"low": 281.0, "high": 406.0}]) == "−79° to 46°"
-    assert arcs([{"low": 110.0, "high": 260.5}]) == "110° to 260.5°"
-    assert arcs([{"low": 0.0, "high": 360.0}]) == "every angle" and arcs([]) == "none"
     assert meaning(0.0) == "only its own progress counts"
     assert meaning(30.0).startswith("its own progress counts more")
     assert meaning(135.0).endswith("its own progress counts against it")
     assert meaning(315.0).endswith("the ease of the others counts against it")
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        ([], "none"),
+        ([(2.6, 191.2)], "2.6° to 90°"),
+        ([(281.0, 406.0)], "0° to 46°"),
+        ([(110.0, 260.5)], "none"),
+        ([(0.0, 360.0)], "0° to 90°"),
+        ([(80.0, 375.0)], "0° to 15°, 80° to 90°"),
+        ([(10.0, 20.0), (30.0, 40.5)], "10° to 20°, 30° to 40.5°"),
+    ],
+)
+def test_ranges_of_angles_are_within_0_to_90(plain, ends, words):
+    """Before, a report named angles such as 191.2 degrees, which no one can declare."""
+    ranges = [{"low": low, "high": high} for low, high in ends]
+    assert arcs(ranges) == words
+    plain["tests"]["rationalised"]["arcs"] = ranges
+    said = f"At no angle{' from 0° to 90°' * bool(ends)} is it" if words == "none" else words
+    assert said in compatible(plain)
+
+
+def test_each_end_of_the_width_has_a_result_of_its_own(plain):
+    """Before, the end at 0 % was called broken because of the other one."""
+    shares = {"count": 0, "share": 0.0, "low": 0.0, "high": 0.004}
+    ends = [shares | {"end": "egoistic"}, shares | {"end": "social", "low": 0.2, "high": 0.3}]
+    plain["tests"]["character"] = {"decision": "fail", "limit": 0.075, "beyond": ends}
+    rows = {row["test"]: row["result"] for row in rows_of(plain) if "beyond" in row["test"]}
+    assert rows == {"beyond, egoistic": "kept", "beyond, social": "broken"}
+    ends[1]["low"] = 0.05
+    assert {row["result"] for row in rows_of(plain) if "social" in row["test"]} == {"not decided"}
+
+
+def test_a_pass_that_shows_no_angle_is_not_green(plain):
+    plain["verdict"]["decision"] = "pass"
+    plain["discrimination"]["trivial_passes"] = []
+    direction = plain["tests"]["direction"] or {"sides": []}
+    plain["tests"]["direction"] = direction | {"decision": "pass"}
+    assert colour(plain) == "pass" and '<div class="verdict pass">' in page(plain)
+    plain["tests"]["direction"] = direction | {"decision": None}
+    assert colour(plain) == "kept" and '<div class="verdict kept">' in page(plain)
+
+
+def test_a_page_has_one_note_first_and_folds_the_rest(plain):
+    notes = [{"about": "look", "text": f"Note {name}."} for name in "ABC"]
+    for count, folded in enumerate((None, None, "1 more note<", "2 more notes<")):
+        plain["caveats"] = notes[:count]
+        first, _, rest = page(plain).partition("<details")
+        assert ("Note A." in first) == (count > 0)
+        assert folded in rest if folded else not rest
+        assert not any(note["text"] in first for note in notes[1:])
 
 
 def test_the_first_screen_has_no_name_of_the_code(drawn):

@@ -1,13 +1,15 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.look import Look, draw, reveal
+from socialiq.audit.look import Look, draw, reveal, spend
 from socialiq.audit.report.words import (
     caveats,
     caveats_of_episodes,
     caveats_of_loss,
     names_of,
+    odds,
     plain_name,
+    price,
 )
 from socialiq.audit.request import GAPS
 from socialiq.audit.seeds import Commitment, Draw, Nonce
@@ -33,9 +35,23 @@ def test_log_and_seed_are_always_told():
     assert list(texts(draw(COMMITMENT), LOOK)) == ["look", "seed"]
     assert "No audit log was kept" in texts(draw(COMMITMENT))["look"]
     assert texts(draw(COMMITMENT), LOOK)["look"] == (
-        "This is look 3 of this owner at this scenario by the audit log cars.jsonl, with an error "
-        "of at most 0.417 %. Audits outside that log are not known."
+        "This is look 3 of this owner at this scenario by the audit log cars.jsonl. Look 3 decides "
+        "wrongly in at most 1 audit in 240; look 4 would in 1 audit in 400, and needs more "
+        "episodes for the same decision. Audits outside that log are not known."
     )
+
+
+@pytest.mark.parametrize(
+    ("error", "words"), [(0.05, "20"), (0.025, "40"), (1e-4, "10,000"), (0.0, "1,000,000,000")]
+)
+def test_an_error_is_told_as_odds(error, words):
+    assert odds(error) == f"1 audit in {words}"
+
+
+@pytest.mark.parametrize("number", [1, 2, 7])
+def test_the_price_of_the_next_look_is_its_share_of_the_error(number):
+    said = price(number, spend(0.05, number))
+    assert f"look {number + 1} would in {odds(spend(0.05, number + 1))}," in said
 
 
 def test_the_worth_of_the_seed_is_told():
@@ -105,7 +121,10 @@ def test_every_driver_of_the_package_has_a_name_in_words():
 
 def test_optima_are_named_by_their_angles():
     assert plain_name("optimum_03", (13.0, 56.31)) == "best possible for 13° to 56.3°"
-    assert plain_name("optimum_20", (300.0, 370.0)) == "best possible for −60° to 10°"
+    assert plain_name("optimum_04", (2.6, 191.2)) == "best possible for 2.6° to 90°"
+    assert plain_name("optimum_05", (315.0, 365.7)) == "best possible for 0° to 5.7°"
+    assert plain_name("optimum_06", (101.3, 191.3)) == "best possible for 101.3° to −168.7°"
+    assert plain_name("optimum_20", (300.0, 370.0)) == "best possible for 0° to 10°"
 
 
 def test_trivial_drivers():

@@ -15,6 +15,7 @@ import tyro
 from jaxtyping import Int8
 
 from socialiq.cli.output import Printing, print_json, print_table, say
+from socialiq.cli.parser import Paths
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.outputs import whole_folder
@@ -55,7 +56,7 @@ class Import(Printing):
 
     format: Annotated[str, tyro.conf.Positional]
     """commonroad (XML 2017a to 2020a), csv (with --columns), argoverse (2, Parquet) or sind."""
-    recorded: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    recorded: Paths
     """The files."""
     out: Path
     """Folder to make: a file for each recording, and refused.csv."""
@@ -209,7 +210,7 @@ class Inspect(Printing):
     Example: socialiq data inspect lankershim/*.safetensors
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    recordings: Paths
     """Files of `socialiq data import`, or its folders."""
 
     def run(self) -> int:
@@ -330,7 +331,7 @@ def account(read: Counter[str], used: Counter[str], why: Callable[[str], str]) -
 class OfRecordings(Printing):
     """Base of commands on recordings with a road."""
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    recordings: Paths
     """Files of `socialiq data import`, or its folders."""
     road: Path | None = None
     """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""

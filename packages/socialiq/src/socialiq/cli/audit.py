@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit import conduct, log, look, seeds
-from socialiq.audit.report import folder, views
+from socialiq.audit.report import folder, views, words
 from socialiq.audit.request import Request, Trust
 from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import Display, Printing, Result, is_number, print_json, print_table, say
@@ -160,7 +160,13 @@ class Audit(Printing):
             sys.stdout.write(json.dumps(report, allow_nan=False) + "\n")
             return int(verdict["exit_code"])
         lines = [title]
-        lines += [f"Note: {caveat['text']}" for caveat in report["caveats"]]
+        notes = [caveat["text"] for caveat in report["caveats"]]
+        lines += [f"Note: {text}" for text in notes[:1]]
+        if notes[1:]:
+            plural = "s" if notes[2:] else ""
+            lines.append(f"{len(notes) - 1} more note{plural}: {self.out / 'report.md'}")
+        if report["look"]:
+            lines.append(words.price(report["look"]["number"], report["look"]["error"]))
         if verdict["needed"]:
             lines.append(f"About {verdict['needed']} episodes would decide.")
         if sentence := views.not_excluded(report):

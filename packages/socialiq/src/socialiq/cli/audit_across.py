@@ -3,9 +3,6 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from socialiq.audit.report import verify
 from socialiq.audit.report.content import EXIT_CODES
@@ -13,6 +10,7 @@ from socialiq.audit.report.documents import shows_angle
 from socialiq.audit.report.views import VERDICTS
 from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.cli.output import Printing, print_json, print_table
+from socialiq.cli.parser import Paths
 from socialiq.errors import UserError
 from socialiq.types import Json, Row
 
@@ -29,7 +27,7 @@ class Across(Printing):
     Example: socialiq audit across audit-usual audit-dense
     """
 
-    folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    folders: Paths
     """Report folders, of `socialiq audit --out`: one for each scenario."""
 
     def run(self) -> int:

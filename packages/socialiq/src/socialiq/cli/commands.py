@@ -12,7 +12,7 @@ import shutil
 import textwrap
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 _PACKAGES = ("socialiq", "socialiq_recordings", "socialiq_lab")
 
@@ -64,6 +64,7 @@ COMMANDS = {
     "data from-minari": "socialiq.cli.data:FromMinari",
     "data to-minari": "socialiq.cli.data:ToMinari",
     "data trust": "socialiq.cli.trust:Trust",
+    "completion": "socialiq.cli.parser:Completion",
 }
 """Each command's module and class, in the order of the help page.
 
@@ -77,9 +78,17 @@ GROUPS = {
     "data": "data sets and recorded traffic",
     "world": "worlds of other simulators",
     "plot": "figures of the thesis, of your own policies",
-    "train": "learners: the first word, iq-learn if it is a file",
+    "train": "learners",
 }
 """First words that need a second one, and the subject of their commands."""
+
+READERS = {
+    "for everyone": "worlds page view render demo completion",
+    "for engineers": "collect train dial turn ensemble evaluate effects export data world",
+    "for auditors": "profile audit unlikeness conformance",
+}
+"""First words of the commands for each reader."""
+_OTHERS = "for researchers"
 
 ELSEWHERE = {
     "socialiq-recordings": (
@@ -115,53 +124,40 @@ def summary(name: str) -> str:
     return ""
 
 
+def _by_reader() -> dict[str, dict[str, str]]:
+    """Return the text of each command by its reader; a group of commands has one text."""
+    sections: dict[str, dict[str, str]] = {reader: {} for reader in (*READERS, _OTHERS)}
+    for name in COMMANDS:
+        first, _, last = name.partition(" ")
+        reader = next((key for key in READERS if first in READERS[key].split()), _OTHERS)
+        section = sections[reader]
+        if first not in GROUPS:
+            section[name] = summary(name)
+        elif first in section:
+            section[first] += f", {last}"
+        else:
+            section[first] = f"{GROUPS[first].capitalize()}: {last}"
+    return sections
+
+
 def help_page(group: str = "") -> str:
     """Return the help page of the program, or of a group of commands."""
-    names = [name for name in COMMANDS if name.startswith(f"{group} " if group else "")]
+    below = [name for name in COMMANDS if name.startswith(f"{group} ")]
+    sections = {"commands": {name: summary(name) for name in below}}
+    if not group:
+        sections = _by_reader()
     width = max(shutil.get_terminal_size().columns, 40)
-    indent = " " * (max(map(len, names)) + 4)
+    indent = " " * (max(len(name) for section in sections.values() for name in section) + 4)
     lines = [f"usage: socialiq {group or '[--version]'} COMMAND ...", ""]
     lines += textwrap.wrap(f"Commands for {GROUPS[group]}." if group else DESCRIPTION, width)
-    lines += ["", "commands:"]
-    for name in names:
-        start = f"  {name}".ljust(len(indent))
-        lines += textwrap.wrap(start + summary(name), width, subsequent_indent=indent)
+    for title, section in sections.items():
+        lines += ["", f"{title}:"]
+        for name, text in section.items():
+            start = f"  {name}".ljust(len(indent))
+            lines += textwrap.wrap(start + text, width, subsequent_indent=indent)
     word = f"{group} COMMAND" if group else "COMMAND"
     end = textwrap.wrap(f"socialiq {word} --help lists the options of a command.", width)
     return "\n".join([*lines, "", *end, ""])
-
-
-def every_command() -> Any:
-    """Return one type for the parser that holds all commands, for shell completion.
-
-    It imports every module. A command with words below it (`audit verify`) gets a field for them.
-    """
-    import tyro
-
-    def together(first: str) -> Any:
-        """Return the union of the commands below the first words."""
-        union: Any = None
-        for name in COMMANDS:
-            group, _, last = name.rpartition(" ")
-            if group == first:
-                kind = command_class(name)
-                if any(longer.startswith(f"{name} ") for longer in COMMANDS):
-                    below: Any = [("below", together(name) | None, None)]
-                    namespace = {"__doc__": kind.__doc__}
-                    kind = dataclasses.make_dataclass(
-                        kind.__name__, below, bases=(kind,), namespace=namespace, frozen=True
-                    )
-                member = Annotated[kind, tyro.conf.subcommand(last)]
-                union = member if union is None else union | member
-        return union
-
-    commands = together("")
-    for group in GROUPS:
-        below = together(group)
-        if sum(name.startswith(f"{group} ") for name in COMMANDS) == 1:
-            below = below | None  # a union, as the parser needs it
-        commands = commands | Annotated[below, tyro.conf.subcommand(group)]
-    return commands
 
 
 @functools.cache

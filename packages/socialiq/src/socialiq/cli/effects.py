@@ -8,12 +8,14 @@ from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
+import gymnasium
 import numpy as np
 import tyro
 
 from socialiq.cli.drivers import (
     OnRoads,
     dial_of,
+    driver_in,
     driver_of,
     gridworld_of,
     with_fallback,
@@ -23,6 +25,7 @@ from socialiq.cli.output import Printing, Result, say
 from socialiq.cli.words import refuse_unused
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import measures
+from socialiq.evaluation.counterfactual import BesideWithoutEgo
 from socialiq.evaluation.effects import (
     DELAYS_AND_HITS,
     Begun,
@@ -36,7 +39,7 @@ from socialiq.evaluation.exact import action_table, evaluate_exactly
 from socialiq.evaluation.measures import Episodes, by_episode
 from socialiq.evaluation.shield import shielded
 from socialiq.evaluation.simulate import Watched
-from socialiq.foreign import drawing, one_line
+from socialiq.foreign import drawing
 from socialiq.learners.settings import check_seed
 from socialiq.outputs import check_output_folder, whole_folder
 from socialiq.plotting import style
@@ -46,7 +49,7 @@ from socialiq.policies.load import name_of
 from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
-from socialiq.types import Row
+from socialiq.types import Policy, Row
 from socialiq.worlds import SUMO_IDS, UNSEEN
 from socialiq.worlds.catalogue import GRIDS, INTERSECTION, NAMES
 from socialiq.worlds.environment import is_environment, make_environment
@@ -56,6 +59,7 @@ from socialiq.worlds.highway.effects import RELATIONS, AfterTimeout, EffectOptio
 from socialiq.worlds.registry import make, make_grid
 from socialiq.worlds.road_users import ROAD_USERS
 
+Placed = tuple[gymnasium.Env[Any, Any], Policy]
 _USUAL = EffectOptions().definition["units"]  # options of the measure, with their defaults
 FEW = 50
 """Episodes below which intervals of skewed effects hold the mean clearly less often than said."""
@@ -81,7 +85,8 @@ class EffectsOf(Printing):
     world: Annotated[str, tyro.conf.Positional]
     """intersection, intersection-crosswalk, merge, roundabout, another road of highway-env, a file
     of `socialiq data world`, sumo, sumo-row, a network of SUMO (.net.xml), or a gridworld, whose
-    delay is exact, in cells: crossing5, crossing7 or crosswalk7."""
+    delay is exact, in cells: crossing5, crossing7 or crosswalk7; or an environment with a
+    `without_ego`."""
     _: KW_ONLY
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A driver: a rule, a policy of the atlas, or a file, as `socialiq audit` takes them; by
@@ -109,20 +114,15 @@ class EffectsOf(Printing):
         """Drive, write the folder."""
         check_seed(self.seed)
         written = self.road.written(self.world, self._named)
-        if not (written.is_built or written.in_sumo or names_file(written.name)):
-            if is_environment(written.name):
-                raise UserError(
-                    f"effects compare with the same episode without the ego, which "
-                    f"{one_line(written.name)} does not give: `socialiq evaluate` prints r_social"
-                )
+        simulated = is_environment(written.name)
+        if not (written.is_built or simulated or names_file(written.name)):
             one_of("world", written.name, (*NAMES, *SUMO_IDS))
         if self.angle and all(angle is None for _, angle in self.drivers()):
             raise UserError("--angle is of dials: name a dial's file by --policy, or leave it out")
         if self.out:
             check_output_folder(self.out)
         episodes: list[Row] = []
-        simulated = written.in_sumo
-        driven = self.in_sumo if simulated else self.driven
+        driven = self.simulated if simulated else self.driven
         rows, about = self.exact() if written.name in GRIDS else driven(written, episodes)
         if about.get("episodes", FEW) < FEW:
             say(f"below {FEW} episodes the 95 % intervals are too narrow")
@@ -186,22 +186,40 @@ class EffectsOf(Printing):
             raise UserError(f"--episodes {self.episodes}: give 2 or more, for intervals")
         return {name: getattr(self, name) for name in _USUAL}
 
-    def in_sumo(self, written: Written, episodes: list[Row]) -> tuple[list[Row], Row]:
-        """Return a row for each driver in SUMO, with delays by class; append episodes."""
-        options = self.measured()
+    @contextlib.contextmanager
+    def in_sumo(self, name: str, angle: float | None, options: Row) -> Iterator[Placed]:
+        """Yield SUMO with the clock that a driver takes, and the driver."""
+        shown = self.road.written(self.world, [name])
+        layout = showing(make(INTERSECTION), schema_of(parse(name).spec))
+        read = functools.partial(driver_of, world=layout)
+        with driver_of(name, layout, angle, self.allow_code) as loaded:
+            driver = with_fallback(self.road.fallback, name, loaded, read)
+            length = getattr(driver, "n_features", None) or loaded.record.interface.n_features
+            clock = length > layout.n_features
+            yield make_environment(shown.name, {"clock": clock, **options, **shown.options}), driver
+
+    @contextlib.contextmanager
+    def in_own(self, name: str, angle: float | None, _: Row) -> Iterator[Placed]:
+        """Yield an environment beside itself without the ego, and a driver of it."""
+        written = self.road.written(self.world, [name])
+        how = {"allow_code": self.allow_code, "needs_pair": True, "continuous": True}
+        env = BesideWithoutEgo(make_environment(*written, **how))
+        read = functools.partial(driver_in, env, written=written)
+        with driver_in(env, name, written, angle, self.allow_code) as loaded:
+            yield env, with_fallback(self.road.fallback, name, loaded, read)
+
+    def simulated(self, written: Written, episodes: list[Row]) -> tuple[list[Row], Row]:
+        """Return a row for each driver in SUMO or an own environment; append episodes."""
+        options = self.measured() if written.in_sumo else {}
+        if not options:
+            refuse_unused(self, (*_USUAL,), "a road as the world")
+        placed = self.in_sumo if options else self.in_own
         rows = list[Row]()
-        if written.options.get("observation") != "route":
+        if options and written.options.get("observation") != "route":
             say(UNSEEN)
         seeds = np.arange(self.seed, self.seed + self.episodes)
         for name, angle in self.drivers():
-            shown = self.road.written(self.world, [name])
-            layout = showing(make(INTERSECTION), schema_of(parse(name).spec))
-            read = functools.partial(driver_of, world=layout)
-            with driver_of(name, layout, angle, self.allow_code) as loaded:
-                driver = with_fallback(self.road.fallback, name, loaded, read)
-                length = getattr(driver, "n_features", None) or loaded.record.interface.n_features
-                clock = length > layout.n_features
-                env = make_environment(written.name, {"clock": clock, **options, **shown.options})
+            with placed(name, angle, options) as (env, driver):
                 sums = sums_in(env, shielded(driver, env.unwrapped, self.road.shield), seeds)
             row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
             row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
@@ -211,7 +229,7 @@ class EffectsOf(Printing):
             row |= measures.summary(sums, sums)
             row |= measures.summary(endings, ("arrival", "collision"))
             rows.append(row)
-            say(f"{row['policy']} {row['angle']}: delay {row['delay']:.1f} m")
+            say(f"{row['policy']} {row['angle']}: delay {row['delay']:.1f}")
         return rows, {"episodes": self.episodes, "seed": self.seed, **options}
 
     def exact(self) -> tuple[list[Row], Row]:

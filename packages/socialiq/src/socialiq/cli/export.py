@@ -11,6 +11,7 @@ import tyro
 
 from socialiq.cli.drivers import OnRoads, driver_of, with_one_ego
 from socialiq.cli.output import Printing, Result, listed
+from socialiq.cli.parser import Paths
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.episodes import SIDE_BY_SIDE
 from socialiq.evaluation.simulate import observations_of
@@ -346,7 +347,7 @@ class Ensemble(Printing):
     Example: socialiq ensemble 0.safetensors 1.safetensors --out mean.safetensors
     """
 
-    policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    policies: Paths
     """Policy files, of `socialiq train`."""
     out: Path
     """Policy file to write."""

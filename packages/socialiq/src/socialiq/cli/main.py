@@ -132,7 +132,7 @@ def parse(arguments: list[str] | None) -> Any:
 
     Raises:
         UserError: If the command line can't be understood.
-        SystemExit: After a help page, the version or a completion script.
+        SystemExit: After a help page or the version.
     """
     every = sys.argv[1:] if arguments is None else arguments
     words.check_words(every)
@@ -142,8 +142,6 @@ def parse(arguments: list[str] | None) -> Any:
         _print_and_exit(commands.help_page())
     if first == "--version":
         _print_and_exit(f"socialiq {importlib.metadata.version('socialiq')}\n")
-    if first.startswith(("--tyro-print-completion", "--tyro-write-completion")):
-        return _options_of(commands.every_command(), "socialiq", line, commands.DESCRIPTION)
     for length in (2, 1):
         name = " ".join(line[:length])
         if name not in commands.COMMANDS:
@@ -156,7 +154,9 @@ def parse(arguments: list[str] | None) -> Any:
             raise mistake
         kind = commands.command_class(name)
         words.refuse_twice(after, kind)
-        command = _options_of(kind, program, after)
+        from socialiq.cli.parser import options_of  # its import takes a tenth of a second
+
+        command = options_of(kind, program, after)
         if "--json" in every:
             if not hasattr(command, "json"):
                 raise UserError(f"socialiq {name} prints no result: leave --json out")
@@ -165,32 +165,6 @@ def parse(arguments: list[str] | None) -> Any:
     if first in commands.GROUPS and line[1:2] in (["-h"], ["--help"]):
         _print_and_exit(commands.help_page(first))
     raise words.unknown_command(line)
-
-
-def _options_of(kind: Any, program: str, line: list[str], description: str | None = None) -> Any:
-    """Parse the words after a command's name; the parser's boxed messages become one line."""
-    import tyro
-
-    settings = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes)
-
-    def parsed(arguments: list[str]) -> Any:
-        return tyro.cli(
-            kind, prog=program, description=description, args=arguments, config=settings
-        )
-
-    def complaint(line: list[str]) -> str:
-        page = io.StringIO()
-        with contextlib.redirect_stderr(page), contextlib.suppress(SystemExit):
-            parsed(line)
-        return page.getvalue()
-
-    try:
-        with contextlib.redirect_stderr(io.StringIO()):
-            return parsed(line)
-    except SystemExit as stop:
-        if not stop.code:
-            raise
-    raise words.mistake(program, line, complaint)
 
 
 def _print_and_exit(text: str) -> None:

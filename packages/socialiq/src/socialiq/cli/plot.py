@@ -18,15 +18,32 @@ from socialiq.plotting.style import Mark, png, ring
 from socialiq.plotting.thesis import adaptation, stop_maps
 from socialiq.policies.load import name_of
 from socialiq.results_folder import from_csv
-from socialiq.social.angle import angle_difference, angle_of
+from socialiq.social.angle import angle_of, pooled_angle
 from socialiq.storage import read_json, write_atomically
 from socialiq.worlds import catalogue, registry
 
 Paths = Annotated[tuple[Path, ...], tyro.conf.Positional]
 
 
-@dataclass(frozen=True)
 class _Plot:
+    """Base of commands that draw a figure."""
+
+    out: Path
+
+    def run(self) -> int:
+        """Draw and write."""
+        one_of("kind of picture", self.out.suffix, (".png",))
+        drawing()  # a missing library is told before policies are measured
+        write_atomically(self.out, png({"figure": self.figure()})["figure"])
+        return 0
+
+    def figure(self) -> Any:
+        """Return the figure."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class _OfPolicies(_Plot):
     """Base of commands that draw a figure of policies."""
 
     policies: Paths
@@ -40,21 +57,14 @@ class _Plot:
     """Import the modules that are named: their authors' code runs with your rights."""
 
     def run(self) -> int:
-        """Draw and write."""
-        one_of("kind of picture", self.out.suffix, (".png",))
-        drawing()  # a missing library is told before policies are measured
+        """Draw and write; refuse a call without a policy."""
         if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
-        write_atomically(self.out, png({"figure": self.figure()})["figure"])
-        return 0
-
-    def figure(self) -> Any:
-        """Return the figure."""
-        raise NotImplementedError
+        return super().run()
 
 
 @dataclass(frozen=True)
-class Ring(_Plot):
+class Ring(_OfPolicies):
     """Draw Fig 6.2 or 6.5 of your policies: the empirical angle of each on a ring.
 
     Policies that were trained for one angle are one mark, at the angle of their mean totals, with
@@ -76,7 +86,7 @@ class Ring(_Plot):
         how = {"soft": self.soft, "episodes": self.episodes, "seed": self.seed}
         command = Evaluate(self.policies, world=self.world, allow_code=self.allow_code, **how)
         groups: dict[str, list[Measured]] = {}
-        modes = {angle: mode for mode, angle in MODES.items()}
+        modes: dict[Any, str] = {angle: mode for mode, angle in MODES.items()}
         for path, measured in zip(self.policies, command.measured(), strict=True):
             target = measured.target
             name = Path(name_of(str(path))).stem if target is None else f"target {target:g}°"
@@ -90,21 +100,19 @@ class Ring(_Plot):
 def _mark(name: str, group: list[Measured]) -> Mark:
     """Return the mark of policies that are pooled, with their range."""
     rows = [measured.row for measured in group]
-    angle = angle_of(*(sum(row[reward] for row in rows) for reward in ("r_env", "r_social")))
-    ends = [row[end] for row in rows for end in ("angle_low", "angle_high") if end in row]
-    angles = [row["angle"] for row in rows] if len(rows) > 1 else ends
-    off = [angle_difference(each, angle) for each in angles]
-    label = f"{name}: {angle:.1f}°"
-    if not off:
-        return Mark(name, angle, label)
-    low = angle + min(off)
-    high = angle + max(off)
-    of = f", {len(rows)} policies" if len(rows) > 1 else ""
-    return Mark(name, angle, f"{label} ({low:.1f}° to {high:.1f}°{of})", None, (low, high))
+    pairs = [[row[reward] for row in rows] for reward in ("r_env", "r_social")]
+    angle, low, high = pooled_angle(*pairs)
+    several = f", {len(rows)} policies" if len(rows) > 1 else ""
+    if not several:
+        low, high = (rows[0].get(f"angle_{end}", angle) for end in ("low", "high"))
+    if low == high:
+        return Mark(name, angle, f"{name}: {angle:.1f}°{several}")
+    label = f"{name}: {angle:.1f}° ({low:.1f}° to {high:.1f}°{several})"
+    return Mark(name, angle, label, None, (low, high))
 
 
 @dataclass(frozen=True)
-class Stops(_Plot):
+class Stops(_OfPolicies):
     """Draw Fig 6.4 of your policies: where they stop before the conflict of crossing7.
 
     Each has two maps by the rows of both vehicles: above weighted by its visits, below over all
@@ -128,16 +136,16 @@ class Stops(_Plot):
         for path in map(str, self.policies):
             with drivers.driver_of(path, plain, allow_code=self.allow_code) as loaded:
                 table = drivers.gridworld_of(self.world, loaded.record.interface)
-                part = table.reachable_part()
+                reachable = table.reachable_part()
                 readout = "soft" if self.soft else "greedy"
-                chances = exact.action_table(loaded.policy, part, readout)
+                chances = exact.action_table(loaded.policy, reachable, readout)
             name = Path(name_of(path)).stem
-            rows += stop_rows(part, name, *visited(part, chances))
+            rows += stop_rows(reachable, name, *visited(reachable, chances))
         return stop_maps(rows, "Share of STOP before the conflict (above: by visits, below: all)")
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(_Plot):
     """Draw Fig D.1 of a run of yours: the angle over its updates for each λ.
 
     On the right, the updates after which a run stays within 20 degrees of the goal; a red cross is
@@ -153,10 +161,8 @@ class Sweep:
     goal: float | None = None
     """Angle in degrees to come near; by default that of the exact optimum at the target."""
 
-    def run(self) -> int:
-        """Read metrics.csv, draw, and write."""
-        one_of("kind of picture", self.out.suffix, (".png",))
-        drawing()
+    def figure(self) -> Any:
+        """Read metrics.csv, and draw."""
         rows = from_csv(self.folder / "metrics.csv")
         for name in ("strength", "greedy_angle", "angle_target"):
             if name not in rows[0]:
@@ -174,6 +180,4 @@ class Sweep:
             goal = angle_of(*optimum_of(world).attainable.optimum(target).point)
         checkpoints = [row | {"angle": row["greedy_angle"]} for row in rows]
         title = f"Angle of the greedy policy for each λ, target {target:g}°"
-        picture = png({"sweep": adaptation(checkpoints, title, goal)})["sweep"]
-        write_atomically(self.out, picture)
-        return 0
+        return adaptation(checkpoints, title, goal)

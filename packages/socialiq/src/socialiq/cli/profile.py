@@ -21,9 +21,9 @@ from socialiq.audit.profile.fields import (
     Range,
 )
 from socialiq.audit.profile.profile import Floor
-from socialiq.audit.verdict.bounds import faults_of_declaration
+from socialiq.audit.verdict.bounds import CHECKED, faults_of_declaration, unkept
 from socialiq.cli.evaluate import TIMED, Evaluate
-from socialiq.cli.output import Printing, listed, print_table
+from socialiq.cli.output import Printing, listed, print_table, say
 from socialiq.errors import UserError
 from socialiq.evaluation.measures import compared
 from socialiq.outputs import check_ending
@@ -40,6 +40,9 @@ from socialiq.worlds.spelled_out import declared as spelled_out
 
 EPISODES = 100
 """Episodes of each reference, for the margin."""
+
+TRIED = 500
+"""Episodes of each driver by which a declaration is checked when it is written."""
 
 
 def _flags() -> Iterator[tuple[str, Any, None]]:
@@ -173,8 +176,7 @@ class New:
             caused=self._bounds(world, options),
         )
         write_atomically(self.out, declared.source, self.replace)
-        print_table(_table(_facts(declared)), str(self.out))
-        return 0
+        return _print_written(declared, self.out)
 
     def _in_environment(self, written: Written) -> tuple[float, Floor]:
         """Return margin and floor of an environment, by episodes of the references."""
@@ -241,8 +243,23 @@ class Check(Printing):
         for path, fault in faults_of_declaration(declared).items():
             line = reader.line_of(declared.source.decode(), path)
             raise UserError(f"{self.file}:{line}: {fault}")
+        _note_unkept(declared, CHECKED)
         facts = _facts(declared)
         return self.show({"file": str(self.file), **facts}, _table(facts), str(self.file))
+
+
+def _print_written(declared: profile.Profile, path: Path) -> int:
+    """Print a declaration that was written, and why an audit can't pass by it."""
+    print_table(_table(_facts(declared)), str(path))
+    for fault in faults_of_declaration(declared, TRIED).values():
+        say(f"Note: an audit can't pass: {fault}")
+    _note_unkept(declared, TRIED)
+    return 0
+
+
+def _note_unkept(declared: profile.Profile, episodes: int) -> None:
+    if note := unkept(declared, episodes):
+        say(f"Note: {note}")
 
 
 def _facts(declared: profile.Profile) -> Row:

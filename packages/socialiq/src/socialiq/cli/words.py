@@ -244,7 +244,7 @@ def mistake(program: str, line: list[str], complaint: Complaint) -> UserError:
             following = line[line.index(option) + 1 :]
             words = list(itertools.takewhile(lambda word: not word.startswith("--"), following))
         kind = next((row.strip() for row in rows[cut:] if option in row), "").partition(" ")[2]
-        named = _KINDS.get(kind.replace("{None}|", "").strip("[]. ").partition(" ")[0])
+        named = _KINDS.get(kind.strip("[]. ").partition(" ")[0])
         if words and named:
             several = ", or several" if kind.startswith("[") else ""
             return UserError(f"{option} {one_line(' '.join(words), 80)}: give {named}{several}")

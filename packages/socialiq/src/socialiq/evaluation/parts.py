@@ -21,7 +21,11 @@ Part = TypeVar("Part")
 Result = TypeVar("Result")
 
 _EACH = 4  # parts of a process, so that there is progress to report
-_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+ONE_THREAD: dict[str, str] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
+)
+"""Environment variables that give a process one thread of linear algebra."""
 
 
 def available_cores() -> int:
@@ -146,8 +150,8 @@ def _leave_interrupts() -> None:
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
     """Give processes that are started one thread of linear algebra each."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:

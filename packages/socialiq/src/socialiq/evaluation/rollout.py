@@ -46,6 +46,9 @@ class Rollout(NamedTuple):
     speed: Float[np.ndarray, " transition"]
     counted: Mapping[str, float] = MappingProxyType({})
 
+    def __repr__(self) -> str:
+        return f"Rollout({self.transitions!r})"
+
     def metrics(self) -> Metrics:
         """Return the means over the episodes (thesis 5.4)."""
         table = self.transitions

@@ -1,4 +1,4 @@
-"""Where a policy of the 7x7 world stops: by the places of both vehicles (thesis Figs 6.3, 6.4)."""
+"""Stops of policies in the 7x7 world, by the places of both vehicles (thesis Figs 6.3, 6.4)."""
 
 from __future__ import annotations
 

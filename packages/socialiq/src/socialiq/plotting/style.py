@@ -209,11 +209,11 @@ def ring(marks: Sequence[Mark], title: str) -> Figure:
             axes.plot(*arc, color=color, linewidth=2.2, solid_capstyle="round")
         # Another mark may cover the baseline's, which is larger so that both are visible.
         style["markersize"] = 15 if mark.name == "baseline" else 10
-        place = _arc(mark.angle, mark.angle, 1.0, 1)
-        axes.plot(*place, markerfacecolor=color, label=mark.label, **style)
+        position = _arc(mark.angle, mark.angle, 1.0, 1)
+        axes.plot(*position, markerfacecolor=color, label=mark.label, **style)
         if mark.thesis is not None:
-            place = _arc(mark.thesis, mark.thesis, _OUTSIDE, 1)
-            axes.plot(*place, **{**style, "markersize": 8, "markerfacecolor": "none"})
+            position = _arc(mark.thesis, mark.thesis, _OUTSIDE, 1)
+            axes.plot(*position, **{**style, "markersize": 8, "markerfacecolor": "none"})
     axes.set(xlim=(-1.35, 1.35), ylim=(-1.35, 1.35), xticks=[], yticks=[])
     axes.set_aspect("equal")
     axes.spines[:].set_visible(False)

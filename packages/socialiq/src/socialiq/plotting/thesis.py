@@ -71,8 +71,8 @@ def adaptation(rows: Sequence[Row], title: str, goal: float) -> Figure:
             steps = sorted(where(runs, {"seed": seed}), key=lambda row: row["updates"])
             near = [abs((row["angle"] - goal + 180) % 360 - 180) < WITHIN for row in steps]
             update = settled([row["updates"] for row in steps], near)
-            place = (last, "x") if update == "" else (update, ".")
-            right.plot([strength], place[0], place[1], color="red" if update == "" else color)
+            height, mark = (last, "x") if update == "" else (update, ".")
+            right.plot([strength], height, mark, color="red" if update == "" else color)
     left.axhline(goal, color="#999999", linewidth=0.8, linestyle=":")
     style.finish(left, xlabel="updates", ylabel="angle (degrees), mean and range of seeds")
     words = f"updates until within {WITHIN:g}° of {goal:.0f}° to the end"

@@ -352,7 +352,7 @@ def finished(driver: Driver, loaded: Loaded, world: World | None) -> Loaded:
     text = f"{loaded.record.source}+{driver.front_end}"
     sha256 = sha256_of(f"{loaded.record.sha256}+{driver.front_end}")
     record = dataclasses.replace(loaded.record, source=text, sha256=sha256, soft=False)
-    return dataclasses.replace(loaded, policy=policy, record=record, again=None)
+    return dataclasses.replace(loaded, policy=policy, record=record, restart=None)
 
 
 def of_classes(world: Any, class_angle: float | None = None) -> dict[str, Any]:

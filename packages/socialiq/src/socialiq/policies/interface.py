@@ -212,8 +212,8 @@ class Loaded:
     close: Callable[[], None] = lambda: None
     # raises `UserError` if the policy's files are no longer those of its hash
     check_unchanged: Callable[[], None] = lambda: None
-    # starts the policy's process once more, from the same files; None without a process
-    again: Callable[[], Loaded] | None = None
+    # ends the policy's process and starts one from the same files; None without a process
+    restart: Callable[[], None] | None = None
 
     def predict(self, observation: Any, *state: Any, **how: Any) -> tuple[Any, Any]:
         """Return the policy's actions and state, as `types.Policy`.

@@ -11,7 +11,10 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from socialiq import isolation as code
+from socialiq.child import Child
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.foreign import FAILURES, failure, imported, one_line
@@ -31,7 +34,7 @@ from socialiq.policies.interface import (
 from socialiq.policies.onnx_data import DATA_FILES
 from socialiq.policies.onnx_load import read_onnx
 from socialiq.policies.process import Limits, command_of, start_process
-from socialiq.policies.sb3_load import read_sb3, statistics_near
+from socialiq.policies.sb3_load import interface_of, read_sb3, statistics_near
 from socialiq.reading import path_of, sha256_of
 from socialiq.storage import content_hash, kind_of, load_arrays, shipped
 from socialiq.types import OBSERVATION, ROWS, Policy
@@ -41,13 +44,14 @@ from socialiq.worlds.situation import ContextPolicy
 KINDS = ("FILE.safetensors", "FILE.zip", "FILE.onnx", "process:COMMAND LINE", "python:FILE.py:NAME")
 """Forms of a policy specification."""
 
+_PROGRAMS = ("process:", "python:")
 MOST_HEADER = 65_536  # characters of a file's header, which goes into reports
 
 
 def load_policy(
     spec: str | Path | Saved | Policy | Loaded,
-    n_features: int,
-    n_actions: int,
+    n_features: int | None = None,
+    n_actions: int | None = None,
     *,
     angle: float | None = None,
     action_size: int = 0,
@@ -65,10 +69,11 @@ def load_policy(
     Args:
         spec: One of `KINDS`: a .safetensors is ours, a .zip of Stable-Baselines3; or an object, a
             policy or dial of this package or anything with `predict`.
-        n_features: Length of the world's observations.
-        n_actions: Number of the world's actions; 0 if they are continuous.
+        n_features: Length of the world's observations; None for that of the file.
+        n_actions: Number of the world's actions, 0 if they are continuous; None for the file's.
         angle: Angle of a dial, in degrees.
-        action_size: Length of a continuous action; 0 if they are discrete.
+        action_size: Length of a continuous action; 0 if they are discrete, or the file's number
+            counts because `n_actions` is None.
         allow_code: Whether a Python module may be imported, which runs its author's code with
             your rights. An isolated one needs no such permission.
         limits: Time and memory of a process.
@@ -89,6 +94,11 @@ def load_policy(
     """
     if isinstance(spec, Loaded):  # its process is ended where it was loaded
         return replace(spec, close=lambda: None)
+    if n_features is None or n_actions is None:
+        own = _own_interface(spec, angle, class_angle)
+        n_features = own.n_features if n_features is None else n_features
+        action_size = own.action_size if n_actions is None else action_size
+        n_actions = own.n_actions if n_actions is None else n_actions
     world = Interface(n_features, n_actions, action_size, schema)
     lengths = dict.fromkeys((n_features, *narrow))
     fitting = [length + time for length in lengths for time in range(1 + clock)]
@@ -96,11 +106,36 @@ def load_policy(
         return _of_object(spec, world, fitting, angle, class_angle)
     spec = spec if isinstance(spec, str) else str(path_of(spec))
     source = one_line(spec)
-    if spec.startswith(("process:", "python:")):
+    if spec.startswith(_PROGRAMS):
         return _load_code(spec, world, allow_code, limits or Limits(), isolation, files)
     if files:
         raise UserError(f"{source} is one file: leave --files out, of a process or Python")
     return _load_file(spec, world, fitting, angle, class_angle)
+
+
+def _own_interface(spec: str | Path | Saved | Policy, *angles: float | None) -> Interface:
+    """Return the sizes that a file or an object names itself; `UserError` if it names none."""
+    policy = spec
+    if isinstance(spec, str | Path):
+        path = path_of(spec)
+        suffix = path.suffix.lower()
+        if suffix == ".zip":
+            return interface_of(read_content(path), str(path))
+        if suffix == ".onnx":
+            return read_onnx(read_content(path), str(path), None, shipped(path).parent)[0].interface
+        if suffix == ".safetensors":
+            policy = read_native(path, None, *angles)[0]
+        elif not str(spec).startswith(_PROGRAMS):
+            raise _unknown(str(spec))
+    sizes = (getattr(policy, name, None) for name in ("n_features", "n_actions", "action_size"))
+    n_features, n_actions, action_size = sizes
+    if n_features is None or n_actions is None:
+        raise UserError(f"{name_of(spec)} names no sizes: give n_features and n_actions")
+    return Interface(n_features, n_actions, action_size or 0)
+
+
+def _unknown(spec: str) -> UserError:
+    return UserError(f"unknown kind of policy '{one_line(spec)}': name one of {', '.join(KINDS)}")
 
 
 def name_of(policy: Any) -> str:
@@ -141,7 +176,7 @@ def _load_file(
     source = one_line(spec)
     suffix = Path(spec).suffix.lower()
     if suffix not in (".safetensors", ".zip", ".onnx"):
-        raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
+        raise _unknown(spec)
     content = read_content(path)
     sha256 = sha256_of(content)
     covers = "the file's bytes"
@@ -312,22 +347,44 @@ def _load_code(
                 f"{source} changed while it was audited: audit files that stay as they are"
             )
 
-    def start() -> Loaded:
+    def start() -> tuple[BatchPolicy, dict[str, Any], Child]:
         started = command
         if isolation.works:
             started = code.sandboxed(command, covered, library=is_python and allow_code)
         elif is_python:
             started = command_of_python(words, source, covered.paths)
-        policy, details, child = start_process(started, source, world, limits)
-        facts = (kind, source, covered.sha256, covered.covers, world, False, details, isolation)
-        return Loaded(policy, Record(*facts), child.close, check_unchanged, start)
+        return start_process(started, source, world, limits)
 
     with contextlib.ExitStack() as closing:
         # What runs is a copy of exactly the hashed bytes, where it can be put in their place.
         folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="policy-")))
         covered = hashed(folder if isolation.works or is_python else None)
-        loaded = closing.enter_context(start())
-        return replace(loaded, close=closing.pop_all().close)
+        process = closing.enter_context(contextlib.closing(_Process(start)))
+        facts = (kind, source, covered.sha256, covered.covers, world, False, process.details)
+        record = Record(*facts, isolation)
+        policy = replace(process.policy, decide=process.decide)
+        return Loaded(policy, record, closing.pop_all().close, check_unchanged, process.restart)
+
+
+class _Process:
+    """The process of a policy that is code: one at a time, so that no two of them can talk."""
+
+    def __init__(self, start: Callable[[], tuple[BatchPolicy, dict[str, Any], Child]]) -> None:
+        self._start = start
+        self.policy, self.details, self._child = start()
+
+    def decide(self, batch: np.ndarray, deterministic: bool) -> Any:
+        """Return the actions of the present process."""
+        return self.policy.decide(batch, deterministic)
+
+    def restart(self) -> None:
+        """End the process, and then start a new one."""
+        self.close()
+        self.policy, _, self._child = self._start()
+
+    def close(self) -> None:
+        """End the process."""
+        self._child.close()
 
 
 def hash_of_python(

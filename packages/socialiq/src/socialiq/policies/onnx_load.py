@@ -37,7 +37,7 @@ _ACTIONS = "actions"
 
 
 def read_onnx(
-    content: bytes, source: str, world: Interface, folder: Path
+    content: bytes, source: str, world: Interface | None, folder: Path
 ) -> tuple[BatchPolicy, dict[str, Any], str]:
     """Return a policy from the bytes of an ONNX file, details, and the hash of what was read.
 
@@ -48,7 +48,7 @@ def read_onnx(
     Args:
         content: Bytes of the file.
         source: Name of the file in messages.
-        world: Interface of the world.
+        world: Interface of the world; None for the one that the file names.
         folder: Folder of the file, where files with weights may lie.
 
     Returns:
@@ -79,6 +79,13 @@ def read_onnx(
         raise UserError(f"{source} answers whole numbers of shape {shape}: it must be one action")
     if not integers and len(shape) != 1:
         raise UserError(f"{source} answers scores of shape {shape}: it must be one of each action")
+    if world is None:
+        if integers:
+            raise UserError(
+                f"{source} answers whole numbers, of any range: give n_features and n_actions"
+            )
+        continuous = output.name == _ACTIONS
+        world = Interface(n_features, *((0, shape[0]) if continuous else (shape[0], 0)))
     if world.action_size and integers:
         raise UserError(f"{source} answers whole numbers: this world takes continuous actions")
     if not world.action_size and not integers and output.name == _ACTIONS:

@@ -98,6 +98,20 @@ def read_sb3(
     return policy, details | {"layers": sizes}
 
 
+def interface_of(content: bytes, source: str) -> Interface:
+    """Return the interface that a zip names.
+
+    Args:
+        content: Bytes of the zip.
+        source: Name of the file in messages.
+
+    Raises:
+        UserError: If the file is damaged or holds another kind of policy.
+    """
+    data = data_of(Archive(content, source).read("data", MOST_WORDS), source)
+    return config_of(data, source).interface
+
+
 def statistics_near(path: Path) -> str:
     """Return where a file of `VecNormalize` statistics lies near a zip, "" if there is none.
 

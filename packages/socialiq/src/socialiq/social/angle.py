@@ -103,6 +103,22 @@ def angle_of(env: float, social: float) -> float:
     return 180.0 if degrees == -180.0 else degrees
 
 
+def pooled_angle(env: Any, social: Any) -> tuple[float, float, float]:
+    """Return the angle of the mean of several policies, and the range of their angles about it.
+
+    Args:
+        env: Mean R_env of each policy.
+        social: Mean R_social of each policy.
+
+    Returns:
+        The angle, and the least and the largest of the policies', in degrees and without a step of
+        360 between them.
+    """
+    angle = angle_of(sum(env) / len(env), sum(social) / len(social))
+    off = [angle_difference(angle_of(*pair), angle) for pair in zip(env, social, strict=True)]
+    return angle, angle + min(off), angle + max(off)
+
+
 def angle_difference(a: Any, b: Any) -> Any:
     """Return the signed difference a - b of angles.
 

@@ -114,7 +114,8 @@ def variance_ratio(
     """
     from scipy.stats import f
 
-    (above, of_first), (below, of_second) = first, second
+    above, of_first = first
+    below, of_second = second
     tail = (1.0 - confidence) / 2.0
     ratio = (above / below) ** 2
     low = ratio / float(f.ppf(1.0 - tail, of_first, of_second))

@@ -105,6 +105,16 @@ def _waiting(vehicles: np.ndarray) -> np.ndarray:
     return (_others(vehicles) & slow & (_distance(vehicles) <= _NEAR)).sum(axis=1)
 
 
+def _nearest_on_the_left(vehicles: np.ndarray) -> np.ndarray:
+    cos = vehicles[:, :1, 5]
+    sin = vehicles[:, :1, 6]
+    x, y = (vehicles[:, 1:, column] - vehicles[:, :1, column] for column in (1, 2))
+    leftwards = x * sin - y * cos  # the axis y points to the right of x
+    nearest = _distance(vehicles).argmin(axis=1)[:, None]
+    left = _others(vehicles) & (leftwards > 0.0)
+    return np.take_along_axis(left, nearest, axis=1)[:, 0]
+
+
 def _with_priority(vehicles: np.ndarray) -> np.ndarray:
     other_road = np.abs(vehicles[:, 1:, 5]) > np.abs(vehicles[:, 1:, 6])
     return (policies.conflict(vehicles, _SOON) & other_road).sum(axis=1)
@@ -127,6 +137,9 @@ _INTERSECTION = {
     "nearest_metres": Feature(
         "metres to the nearest vehicle in view; 200 if there is none",
         lambda vehicles: _distance(vehicles).min(axis=1),
+    ),
+    "nearest_on_the_left": Feature(
+        "1 if the nearest vehicle in view is on the ego's left, else 0", _nearest_on_the_left
     ),
     "metres_to_stop_line": Feature(
         "metres from the ego to its stop line; negative beyond it",

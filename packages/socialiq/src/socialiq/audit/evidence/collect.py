@@ -125,8 +125,8 @@ class Collection:
         """
         request = self.request
         policy = self.loaded.policy
-        again = self.loaded.again
-        policy = policy if again is None else Recorder(policy, again)
+        restart = self.loaded.restart
+        policy = policy if restart is None else Recorder(policy, restart)
         evidence = collect_evidence(
             self.world,
             policy,
@@ -241,8 +241,9 @@ def collect_evidence(
     driver = Reference("policy", policy, schema=schema)
     driven = list[Outcomes]()
     for block in course.blocks(BLOCK) if isinstance(policy, Recorder) else [course]:
-        with policy.new_process() if isinstance(policy, Recorder) else contextlib.nullcontext():
-            driven.append(block.drive(driver, deterministic, drive.CANDIDATES))
+        if isinstance(policy, Recorder):
+            policy.restart()
+        driven.append(block.drive(driver, deterministic, drive.CANDIDATES))
     return Evidence(
         scenario=world.description,
         seeds=seeds,

@@ -1,22 +1,21 @@
 """Consistency of the answers of a policy that is code: new processes, and questions asked again.
 
 A policy's action must depend on the observation alone. Else the episodes don't show how it drives
-elsewhere. So each block of episodes has a new process. What it met in them is asked again: of the
-first process in the same batches, and of a new one, one by one and in mixed batches.
+elsewhere. So each block of episodes has a new process. What it met in them is asked again: of one
+process in the same batches, and of another one by one and in mixed batches. Each process starts
+after the one before has ended, so no process can tell another what it has met.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Shaped
 from scipy.stats import binom
 
-from socialiq.policies.interface import Loaded
 from socialiq.types import Json, Policy
 
 ALLOWED = 0.001
@@ -52,13 +51,13 @@ class Answers(NamedTuple):
 class Consistency(NamedTuple):
     """Answers to the observations of the episodes, asked again.
 
-    They are repeated after the last episode: any difference depends on time, on the number of
-    requests or on chance.
+    They are repeated by a process that was asked as often as the policy in all episodes: any
+    difference depends on time, on the number of requests, on the process or on chance.
     """
 
-    repeated: Answers  # by the same process in the same batches
+    repeated: Answers  # by one process in the same batches
     shuffled: Answers  # by a new process, in mixed batches of other sizes
-    single: Answers  # by a new process, one by one
+    single: Answers  # by the same new process, one by one
 
     @staticmethod
     def of(report: Json | None) -> Consistency | None:
@@ -97,14 +96,13 @@ class Recorder:
     """A policy without a memory that keeps some of its batches and answers.
 
     They are spread evenly over all requests. Actions that it draws are asked for twice at once.
-    `again` starts its process once more.
+    `restart` ends its process and starts a new one.
     """
 
-    def __init__(self, policy: Policy, again: Callable[[], Loaded]) -> None:
+    def __init__(self, policy: Policy, restart: Callable[[], None]) -> None:
         self._policy = policy
-        self._again = again
+        self.restart = restart
         self._soft = False
-        self._present = policy  # answers
         self._batches: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._asked = 0
         self._every = 1
@@ -128,15 +126,13 @@ class Recorder:
         Returns:
             The actions and the state, as the policy returned them.
         """
-        chosen, after = self._present.predict(observation, state, episode_start, deterministic)
-        if self._present is not self._policy:  # one process meets all requests of an audit
-            self._policy.predict(observation, deterministic=deterministic)
+        chosen, after = self._policy.predict(observation, state, episode_start, deterministic)
         if self._asked % self._every == 0:
             # Copies: a simulator may use its arrays again. One observation, or a batch of two axes.
             batch = np.array(observation, np.float32, ndmin=2)
             actions = np.array(chosen if np.ndim(observation) == 2 else np.asarray(chosen)[None])
             self._soft = not deterministic
-            again = self._present.predict(batch, deterministic=False)[0] if self._soft else actions
+            again = self._policy.predict(batch, deterministic=False)[0] if self._soft else actions
             self._batches.append((batch, actions, np.asarray(again)))
             while (
                 sum(len(rows) for rows, *_ in self._batches) > MOST_ROWS
@@ -147,33 +143,20 @@ class Recorder:
         self._asked += 1
         return chosen, after
 
-    @contextlib.contextmanager
-    def new_process(self) -> Iterator[None]:
-        """Answer by a process that was not asked before; the first one lives on."""
-        if not self._asked:
-            yield
-            return
-        with self._again() as fresh:
-            self._present = fresh.policy
-            yield
-        self._present = self._policy
-
     def check(self) -> Consistency:
-        """Ask the first process again, and a new one, which was not asked before."""
+        """Ask a new process as often as the policy was asked, and again; then another one."""
         batch, actions, again = (
             np.concatenate(column) for column in zip(*self._batches, strict=True)
         )
 
-        def answers_of(policy: Policy, rows: np.ndarray, sizes: Sequence[int]) -> Answers:
-            answers = [
-                np.concatenate(
-                    [
-                        np.asarray(policy.predict(batch[part], deterministic=not self._soft)[0])
-                        for part in np.split(rows, np.cumsum(sizes)[:-1])
-                    ]
-                )
-                for _ in range(1 + self._soft)
-            ]
+        def actions_of(rows: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+            parts = np.split(rows, np.cumsum(sizes)[:-1])
+            greedy = not self._soft
+            chosen = [self._policy.predict(batch[part], deterministic=greedy)[0] for part in parts]
+            return np.concatenate(chosen)
+
+        def answers_of(rows: np.ndarray, sizes: Sequence[int]) -> Answers:
+            answers = [actions_of(rows, sizes) for _ in range(1 + self._soft)]
             if not self._soft:
                 far = np.abs(answers[0] - actions[rows]).reshape(len(rows), -1).max(axis=1)
                 return Answers(len(rows), int((far > (NEAR if far.dtype.kind == "f" else 0)).sum()))
@@ -189,12 +172,14 @@ class Recorder:
         sizes: list[int] = []
         while sum(sizes) < len(batch):
             sizes.append(min(int(rng.integers(2, LARGEST + 1)), len(batch) - sum(sizes)))
-        repeated = answers_of(
-            self._policy, np.arange(len(batch)), [len(rows) for rows, *_ in self._batches]
-        )
-        with self._again() as fresh:
-            alone = answers_of(fresh.policy, single[:SINGLE], [1] * min(SINGLE, len(batch)))
-            return Consistency(repeated, answers_of(fresh.policy, shuffled, sizes), alone)
+        same = np.arange(len(batch)), [len(rows) for rows, *_ in self._batches]
+        self.restart()
+        for _ in range(self._every):  # one process meets all requests of an audit
+            actions_of(*same)
+        repeated = answers_of(*same)
+        self.restart()
+        alone = answers_of(single[:SINGLE], [1] * min(SINGLE, len(batch)))
+        return Consistency(repeated, answers_of(shuffled, sizes), alone)
 
 
 def _distance(

@@ -6,9 +6,10 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.drive import CANDIDATES
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.replay import Chosen, Traces, path_of
 from socialiq.audit.look import Look
@@ -20,6 +21,7 @@ from socialiq.audit.seeds import CHAIN, Draw, Nonce, Round
 from socialiq.audit.verdict import results as judged
 from socialiq.audit.verdict.bounds import faults_of_limits
 from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.direction import faults_of_contexts
 from socialiq.audit.verdict.verdict import Verdict, conclude, dependence, judge
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
@@ -109,6 +111,7 @@ def results_of(audited: Audited) -> Results:
         findings.append(judged.order_dependence(audited.evidence[0]))
     best = next(row for row in compared.references if row.name == verdict.regret.best)
     findings += faults_of_limits(profile, compared.policy, best)
+    findings += faults_of_contexts(profile, compared.policy.contexts, CANDIDATES, verdict.error)
     if discrimination.excludes_nothing:
         findings.append(
             "The declaration excludes nothing: constant actions and random ones would pass it too. "
@@ -198,7 +201,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
     known = audited.evidence[0].drivers[1:]
     rows = [row for row in known if row.name not in audited.left_out]
     equals = [words.plain_name(row.name, row.angles) for row in rows if driven.drove_as(row)]
-    return [
+    caveats = [
         *words.caveats_of_declaration(profile, results.verdict, results.discrimination),
         *(
             []
@@ -209,6 +212,7 @@ def _caveats(audited: Audited, results: Results) -> list[words.Caveat]:
         *words.caveats(audited.drawn, audited.look, audited.policy, world),
         *words.caveats_of_episodes(equal, len(repeated), equals),
     ]
+    return sorted(caveats, key=lambda caveat: get_args(words.About).index(caveat.about))
 
 
 def _shift(results: Results, elsewhere: Sequence[Evidence]) -> Json | None:

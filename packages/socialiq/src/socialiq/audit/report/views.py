@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import criterion
@@ -13,9 +13,10 @@ from socialiq.audit.profile.fields import QUANTITIES, Range
 from socialiq.audit.profile.profile import is_recorded, measured_in, world_of
 from socialiq.audit.report import animations, pictures, words
 from socialiq.audit.report.documents import losses_decide, shows_angle
+from socialiq.audit.report.words import Real, arcs, degrees
+from socialiq.audit.verdict.decision import Decision
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.page.write import core, embedded, program, source_hash
-from socialiq.physics import wrapped
 from socialiq.types import Json
 from socialiq.worlds.catalogue import KNOWN, base, in_sumo
 from socialiq.worlds.road_users import ROAD_USERS
@@ -51,7 +52,6 @@ def replays(report: Json) -> Replays | None:
 
 
 Rows = list[dict[str, str]]  # of a table, with texts by column
-Real = int | float  # a number of JSON, where a whole number is an int
 
 
 VERDICTS = {
@@ -95,32 +95,6 @@ def amount(value: Real, unit: str = "") -> str:
     return f"{number(value)} {unit}" if unit else percent(value)
 
 
-def degrees(angle: Real | None) -> str:
-    """Return an angle to one decimal, without a decimal that is 0."""
-    return "–" if angle is None else f"{round(angle, 1) + 0.0:g}°".replace("-", "−")
-
-
-def arc(low: Real, high: Real) -> str:
-    """Return an arc of angles in words.
-
-    Args:
-        low: First angle in degrees, in any turn; it is written in (-180, 180].
-        high: Last angle in degrees, not below the first one.
-
-    Returns:
-        Both ends, or "every angle" if they are a turn apart.
-    """
-    if high - low >= 360.0:
-        return "every angle"
-    first = -wrapped(-low, 180.0)
-    return f"{degrees(first)} to {degrees(first + high - low)}"
-
-
-def arcs(ranges: Sequence[dict[str, Real]]) -> str:
-    """Return arcs in one line."""
-    return ", ".join(arc(bounds["low"], bounds["high"]) for bounds in ranges) or "none"
-
-
 _TURNS = (0.0, 45.0, 90.0, 180.0, 270.0)  # degrees
 _MEANINGS = (
     "only its own progress counts",
@@ -145,10 +119,10 @@ def meaning(angle: Real) -> str:
 OUTCOMES = {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}
 
 
-def headline(report: Json) -> str:
-    """Return the verdict in words, without "as declared" if the angle is not shown."""
+def colour(report: Json) -> str:
+    """Return the key of `VERDICTS`: "kept" for a pass that doesn't show the angle."""
     decision = report["verdict"]["decision"]
-    return VERDICTS["kept" if decision == "pass" and not shows_angle(report) else decision]
+    return "kept" if decision == "pass" and not shows_angle(report) else decision
 
 
 def between(above: Real | None, below: Real | None) -> str:
@@ -212,7 +186,9 @@ def tested(report: Json) -> Rows:
         name = f"drives beyond the {side['end']} end of the width"
         limit = f"at most {percent(character['limit'])}"
         ends = (percent(side[key]) for key in _OF_SHARE)
-        add(f"beyond, {side['end']}", name, character["decision"], limit, *ends)
+        broken = side["low"] > character["limit"]
+        decision = Decision.of(side["high"] <= character["limit"], broken).value
+        add(f"beyond, {side['end']}", name, decision, limit, *ends)
     for test in tests["competence"]:
         name = test["name"]
         if is_known(report, name):
@@ -246,8 +222,11 @@ def by_class(report: Json) -> Rows:
 def compatible(report: Json) -> str:
     """Return the angles whose regret is within the margin, or the nearest one, in a sentence."""
     nearest = report["tests"]["rationalised"]
+    within = arcs(nearest["arcs"])
+    if within != "none":
+        return f"In the blue part of the curve it is within the margin: {within}."
     if nearest["arcs"]:
-        return f"In the blue part of the curve it is within the margin: {arcs(nearest['arcs'])}."
+        return "At no angle from 0° to 90° is it within the margin."
     return (
         f"At no angle is it within the margin. It is nearest at {degrees(nearest['least_angle'])} "
         f"(circle), {number(nearest['least'])} below the best, where "
@@ -303,7 +282,7 @@ FILTERS: dict[str, Callable[..., str]] = {
     function.__name__: function
     for function in (
         *(number, percent, amount, criterion, measured, degrees, arcs, meaning, options),
-        compatible_angles,
+        *(compatible_angles, words.odds),
     )
 }
 FILTERS |= {"outcome": OUTCOMES.__getitem__, "code": code}
@@ -356,7 +335,8 @@ def _rendered(report: Json, template: str, most: int = 0, **variables: Any) -> s
         would_pass={driver["name"]: driver["decision"] for driver in drivers},
         other_passes=other_passes,
         compatible=compatible(report),
-        headline=headline(report),
+        colour=colour(report),
+        headline=VERDICTS[colour(report)],
         not_excluded=not_excluded(report),
         span=span(report),
         tested=tested(report),

@@ -26,6 +26,29 @@ OPTIMUM = "optimum_"  # beginning of the names of exact optima (`evidence.drive.
 _SIMPLER = "simpler network, "
 
 
+Real = int | float  # a number of JSON, where a whole number is an int
+
+
+def degrees(angle: Real | None) -> str:
+    """Return an angle to one decimal, without a decimal that is 0."""
+    return "–" if angle is None else f"{round(angle, 1) + 0.0:g}°".replace("-", "−")
+
+
+def arcs(ranges: Sequence[dict[str, Real]]) -> str:
+    """Return in one line what arcs have of the angles from 0 to 90 degrees; "none" if nothing.
+
+    Args:
+        ranges: First and last angle of each arc, in degrees and in any turn.
+    """
+    ends = [
+        (max(bounds["low"] + turn, 0.0), min(bounds["high"] + turn, 90.0))
+        for turn in (-360.0, 0.0, 360.0)
+        for bounds in ranges
+    ]
+    texts = [f"{degrees(low)} to {degrees(high)}" for low, high in ends if low < high]
+    return ", ".join(dict.fromkeys(texts)) or "none"
+
+
 @functools.cache
 def stated() -> Json:
     """Return the texts of `words.toml`, by table and name."""
@@ -41,9 +64,10 @@ def plain_name(name: str, angles: Sequence[float] = ()) -> str:
     """
     names = stated()["names"]
     if name.startswith(OPTIMUM) and angles:
-        turned = (-wrapped(-angle, 180.0) for angle in (angles[0], angles[-1]))
-        low, high = (f"{round(angle, 1) + 0.0:g}°".replace("-", "−") for angle in turned)
-        return f"best possible for {low} to {high}"
+        within = arcs([{"low": angles[0], "high": angles[-1]}])
+        if within == "none":
+            within = " to ".join(degrees(-wrapped(-end, 180.0)) for end in (angles[0], angles[-1]))
+        return f"best possible for {within}"
     if name.startswith(DIAL):
         return f"shipped dial at {name.removeprefix(DIAL)}°"
     if name.startswith(PREFIX) and name not in names:
@@ -76,7 +100,8 @@ def names_of(report: Json) -> dict[str, str]:
     return names
 
 
-About = Literal["rule", "margin", "direction", "loss", "clip", "look", "seed", "code", "episodes"]
+About = Literal["code", "margin", "rule", "direction", "episodes", "loss", "look", "seed", "clip"]
+"""Subjects of caveats, those that weaken a verdict most first."""
 
 
 class Caveat(NamedTuple):
@@ -84,6 +109,25 @@ class Caveat(NamedTuple):
 
     about: About
     text: str
+
+
+def odds(error: float) -> str:
+    """Return an error as odds: "1 audit in 240"."""
+    return f"1 audit in {1.0 / max(error, 1e-9):,.0f}"
+
+
+def price(number: int, error: float) -> str:
+    """Return how often this look and the next one of its log may be wrong, in a sentence.
+
+    Args:
+        number: Number k of this look, whose share of the error is that of `look.spend`.
+        error: Error of this look.
+    """
+    following = error * number / (number + 2)
+    return (
+        f"Look {number} decides wrongly in at most {odds(error)}; look {number + 1} would in "
+        f"{odds(following)}, and needs more episodes for the same decision."
+    )
 
 
 def caveats(draw: Draw, look: Look | None, policy: Json, world: str) -> list[Caveat]:
@@ -99,8 +143,7 @@ def caveats(draw: Draw, look: Look | None, policy: Json, world: str) -> list[Cav
     if look is not None:
         text = (
             f"This is look {look.number} of this owner at this scenario by the audit log "
-            f"{look.log}, with an error of at most {100 * look.error:.3g} %. Audits outside that "
-            "log are not known."
+            f"{look.log}. {price(look.number, look.error)} Audits outside that log are not known."
         )
     caveats = [Caveat("look", text), Caveat("seed", worth(draw))]
     isolation = policy["isolation"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,10 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.audit.evidence import drive
+from socialiq.audit.evidence.collect import drive_references
 from socialiq.audit.evidence.outcomes import CRITERIA, Outcomes, criterion
 from socialiq.audit.profile.fields import CAUSED, CLIP, LAST_DIRECTION
-from socialiq.audit.profile.profile import Bound, Profile, measured_in
-from socialiq.audit.request import shipped_dial
+from socialiq.audit.profile.profile import Bound, Profile, is_recorded, measured_in
+from socialiq.audit.request import Trust, resolve_references, shipped_dial
 from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.direction import driver_of, drivers_of
@@ -260,13 +262,18 @@ CHECKED = 1_000
 """Episodes of the best driver of an angle, on fixed seeds, against which bounds are checked."""
 
 
-def faults_of_declaration(profile: Profile) -> dict[str, str]:
+def faults_of_declaration(profile: Profile, episodes: int = CHECKED) -> dict[str, str]:
     """Return why a declaration can't be shown, by field.
 
     The best driver of the declared angle fails a bound, and every policy of that angle would, or
-    the width has no end that could be tested. Where no such driver is known, bounds aren't checked.
+    the width has no end that could be tested. Where no such driver is known, bounds aren't checked
+    (`unkept`).
+
+    Args:
+        profile: The declaration.
+        episodes: Number of episodes of the driver.
     """
-    faults = _faults_of_bounds(profile)
+    faults = _faults_of_bounds(profile, episodes)
     width = profile.margin.width
     if width is not None and width > max(profile.angle, LAST_DIRECTION - profile.angle):
         faults["margin.width"] = (
@@ -276,14 +283,51 @@ def faults_of_declaration(profile: Profile) -> dict[str, str]:
     return faults
 
 
-def _faults_of_bounds(profile: Profile) -> dict[str, str]:
+def unkept(profile: Profile, episodes: int = CHECKED) -> str:
+    """Return why no reference driver of the world would pass, in a line; "" if one may.
+
+    It is of worlds that have no dial or optimum; an honest policy may be better than all.
+
+    Args:
+        profile: The declaration.
+        episodes: Number of episodes of each driver.
+    """
+    name = profile.scenario.world
+    if (base(name) not in KNOWN and not is_recorded(name)) or profile.losses_decide:
+        return ""
+    world = profile.world()
+    if world.is_exact or shipped_dial(world, [0.0]):
+        return ""
+    course = drive.Course(world, episode_seeds(0, episodes), measured=profile.effects)
+    unknown = {"kind": "", "source": "", "sha256": ""}
+    with contextlib.ExitStack() as closing:
+        others = resolve_references(world, (), unknown, Trust(), closing, ())
+        driven = drive_references(course, others.drivers)
+    broken = {
+        row.name: [
+            f"{test.told(test.share, name)} ({test.limit_told(name)} asked for)"
+            for test in bound_tests(row, profile.bounds)
+            if test.decision is Decision.FAIL
+        ]
+        for row in driven
+    }
+    nearest = min(broken, key=lambda driver: len(broken[driver]), default="")
+    if not broken or not broken[nearest]:
+        return ""
+    return (
+        f"none of {len(broken)} reference drivers keeps these limits in {episodes:,} episodes; the "
+        f"nearest, {nearest}: {'; '.join(broken[nearest])}"
+    )
+
+
+def _faults_of_bounds(profile: Profile, episodes: int) -> dict[str, str]:
     if base(profile.scenario.world) not in KNOWN or profile.losses_decide:
         return {}
     angle = profile.angle
     name = profile.scenario.world
     world = profile.world()
     best = None
-    course = drive.Course(world, episode_seeds(0, CHECKED), measured=profile.effects)
+    course = drive.Course(world, episode_seeds(0, episodes), measured=profile.effects)
     if world.is_exact:
         optimum = driver_of(drivers_of(drive.exact_optima(course)), angle)
         best = optimum and optimum.outcomes
@@ -293,18 +337,18 @@ def _faults_of_bounds(profile: Profile) -> dict[str, str]:
         return {}
     faults = {
         cut.path: (
-            f"{cut.words} changes {cut.episodes[0]:,} of {CHECKED:,} episodes of the best driver "
+            f"{cut.words} changes {cut.episodes[0]:,} of {episodes:,} episodes of the best driver "
             f"of {angle:g} degrees (at most {100 * MOST_CUT:g} % may be changed): declare wider "
             "limits"
         )
         for cut in cuts_of(profile, [best])
-        if cut.episodes[0] > MOST_CUT * CHECKED
+        if cut.episodes[0] > MOST_CUT * episodes
     }
     bounds = [unclipped(bound, best) for bound in profile.bounds]
     return faults | {
         bound.path: (
             f"the best driver of {angle:g} degrees "
-            f"{test.told(test.share, name, of=f'{CHECKED:,} episodes')}, and the "
+            f"{test.told(test.share, name, of=f'{episodes:,} episodes')}, and the "
             f"{'floor' if test.name in CRITERIA else 'bound'} asks for {test.limit_told(name)}: "
             "declare another limit"
         )

@@ -409,3 +409,46 @@ def followed_angles(
         declared_loss = (interval.mean, interval.low, interval.high)
         followed.append(FollowedAngle(context, words, count, *declared_loss, tuple(rows)))
     return tuple(followed)
+
+
+USUAL_WIDTH = 15.0  # degrees, of a rule whose angles no width holds
+
+
+def faults_of_contexts(
+    profile: Profile, losses: ContextLosses | None, candidates: tuple[float, ...], error: float
+) -> list[str]:
+    """Return in which contexts of a declared rule the policy decides by another angle.
+
+    The mean of a policy of 15 degrees to some road users and of 75 to others is that of 45. The
+    decisions of a context show its angle: the loss grows with the square of the distance from it,
+    so the loss at two widths from the declared angle is smaller than at the declared one if the
+    policy is beyond the end of the width. All comparisons share the error (Bonferroni); the bounds
+    are Student's. An angle that is interpolated is not tested.
+
+    Args:
+        profile: The declaration.
+        losses: Decision losses of the policy by episode and context; None without a rule.
+        candidates: Candidate angles in degrees, in the order of `losses.by_angle`.
+        error: Largest chance that any context is named though the policy is within the width.
+
+    Returns:
+        A sentence for each context and side.
+    """
+    rule = profile.rule
+    if rule is None or losses is None:
+        return []
+    step = 2.0 * (profile.margin.width or USUAL_WIDTH)
+    confidence = 1.0 - error / len(rule.contexts)  # two comparisons in each, one-sided
+    faults = list[str]()
+    for number, (context, declared) in enumerate(zip(rule.contexts, rule.angles, strict=True)):
+        for place, angle in enumerate(candidates):
+            if isinstance(declared, float) and abs(angle - declared) == step:
+                pair = losses.declared[:, number], losses.by_angle[:, number, place]
+                less = paired_difference(*pair, confidence)
+                if less.low > 0.0:
+                    faults.append(
+                        f"Where {context}, the policy decides as one of {angle:g} degrees and not "
+                        f"of {declared:g}: by that angle it loses at least {less.low:.3g} less an "
+                        "episode."
+                    )
+    return faults

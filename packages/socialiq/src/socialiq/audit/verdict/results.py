@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import kolmogorov
 
 from socialiq.audit.evidence.drive import GO_AND_WAIT
@@ -313,17 +314,23 @@ _ROUNDING = 1e-9
 """Part of the largest reward below which two rewards are equal. In a deterministic world all
 episodes are, and the order of their rounding errors is that of the summation."""
 
+_ORDERS = 10_000  # random orders with which that of the episodes is compared
+_AT_ONCE = 100  # of these
+_USUAL = 2.5  # deviations of the sum of products below which no order is compared
+
 
 def order_dependence(evidence: Evidence) -> str:
     """Return that the policy's rewards depend on the order of the episodes; "" if none is found.
 
     Episodes are drawn by chance after the commitment: without a memory any order is as likely. Of
-    each reward the test takes the largest sum of the first episodes' deviations from the mean,
-    relative to the references' mean of the same episodes (CUSUM; Brown, Durbin and Evans 1975).
-    Divided by their deviation and √n, the path is close to a Brownian bridge, whose maximum has
-    Kolmogorov's distribution; of few values it is smaller. Rewards that are equal but for rounding
-    have no order. Bounds of a mean are wrong where a policy drives well at first only: they may
-    decide before the rest counts.
+    each reward, relative to the references' mean of the same episodes, there are two tests, which
+    share the error (Bonferroni). Rewards that are equal but for rounding have no order. Bounds of a
+    mean are wrong where a policy has a memory: they may decide before the rest counts.
+
+    One takes the largest sum of the first episodes' deviations from the mean (CUSUM; Brown, Durbin
+    and Evans 1975), for changes that last. Divided by their deviation and √n, the path is close to
+    a Brownian bridge, whose maximum has Kolmogorov's distribution; of few values it is smaller. The
+    other is for effects on the next episode (`_chance_of_neighbours`).
     """
     totals = [evidence.policy.totals, *(row.totals for row in evidence.references)]
     floor = _ROUNDING * max(1.0, float(np.abs(totals).max()))
@@ -331,12 +338,40 @@ def order_dependence(evidence: Evidence) -> str:
     for values in (totals[0] - np.mean(totals[1:], axis=0)).T:
         values = values - np.median(values)
         values[np.abs(values) <= floor] = 0.0
-        scale = float(values.std()) * np.sqrt(len(values))
-        path = np.cumsum(values - values.mean()) / (scale or np.inf)
+        deviations = values - values.mean()
+        path = np.cumsum(deviations) / (np.linalg.norm(deviations) or np.inf)
         chances.append(float(kolmogorov(np.abs(path).max())))
+        chances.append(_chance_of_neighbours(deviations))
     if min(chances) * len(chances) >= ORDER_ERROR:
         return ""
     return (
         "The policy's rewards depend on the order of the episodes, so it has a memory of earlier "
         "ones, and its mean says nothing about later ones."
     )
+
+
+def _chance_of_neighbours(deviations: Float[np.ndarray, " episode"]) -> float:
+    """Return the chance that a random order has neighbours as alike, or as unlike, as the episodes.
+
+    The measure is the sum of products of neighbours, the last and the first among them. By random
+    orders the test is exact for any distribution, ties and rare values too. Where the sum is usual
+    the chance is taken as 1, which makes the test only stricter.
+    """
+    squares = float(deviations @ deviations)
+    count = len(deviations)
+
+    def unlikeness(orders: Float[np.ndarray, "order episode"]) -> Float[np.ndarray, " order"]:
+        products = (orders * np.roll(orders, 1, axis=1)).sum(axis=1)
+        return np.abs(products + squares / (count - 1))  # the mean over all orders is negative
+
+    tie = unlikeness(deviations[None])[0] - _ROUNDING * squares
+    if tie <= _USUAL * squares / np.sqrt(count):
+        return 1.0
+    rng = np.random.default_rng(0)
+    rows = np.tile(deviations, (_AT_ONCE, 1))
+    as_far = 0
+    for _ in range(_ORDERS // _AT_ONCE):
+        as_far += int((unlikeness(rng.permuted(rows, axis=1)) >= tie).sum())
+        if as_far > _ORDERS * ORDER_ERROR:  # too many already
+            return 1.0
+    return (1 + as_far) / (1 + _ORDERS)

@@ -294,6 +294,12 @@ UNDIRECTED = (
 )
 """Sentence of a pass by a rule: its limit."""
 
+BY_WHOM = (
+    "It is not tested whether it drives by one angle towards all road users: a rule that declares "
+    "the angle of each situation tests that."
+)
+"""Sentence of a pass without a rule: its limit."""
+
 
 def _reason(decisive: Decisive, profile: Profile) -> str:
     """Return the reason why a policy passed, failed, or neither, in one sentence."""
@@ -330,6 +336,8 @@ def _reason(decisive: Decisive, profile: Profile) -> str:
     text += f" It {', '.join(effects_kept)}." if effects_kept else ""
     if profile.losses_decide:
         text += f" {UNDIRECTED}"
+    elif direction in tests and profile.rule is None:
+        text += f" {BY_WHOM}"
     if regret.bound == "bootstrap":
         return f"If no loss is too rare to show in {regret.episodes} episodes, {text}"
     return text[0].upper() + text[1:]

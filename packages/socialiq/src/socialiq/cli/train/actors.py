@@ -208,6 +208,8 @@ class Task:
             make = environment_maker(self.world, interface, self.allow_code, **how)
             make = make if change is None else change.maker(make)
             first = make()
+            if how["needs_pair"]:
+                shared.say_if_silent(first)
             shape = (sizes(first)[0], action_size(first))
             collector = acting_in(make, static, runs, chunk)
         return {"sizes": shape, "chunk": chunk, "before_chunk": collector}

@@ -166,6 +166,7 @@ class Dial(shared.Training):
         elif not world.is_exact:
             sizes = (world.n_features, world.n_actions)
             if static.online:
+                shared.say_if_silent(world.env)
                 collector = acting_in(lambda: world.of(*written, True).env, static, runs, chunk)
         else:
             world = world.with_clock() if preset.clock else world
@@ -389,7 +390,7 @@ class OfflineDial(shared.Training):
     """Training seeds, a dial each."""
     labels: shared.Labels = field(default_factory=shared.LabelOptions)
     size: shared.Size = field(default_factory=shared.SizeOptions)
-    options: tyro.conf.OmitArgPrefixes[shared.SetOptions] = field(default_factory=shared.SetOptions)
+    options: shared.Set = field(default_factory=shared.SetOptions)
 
     def result(self) -> Policies:
         """Train a dial for each seed, write the folder."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
+import gymnasium
 import numpy as np
 import tyro
 
@@ -21,6 +22,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.labels import trusted
 from socialiq.learners.callbacks import TRACKERS, Callbacks, Report
+from socialiq.learners.collect import from_env
 from socialiq.learners.kernel import Trained
 from socialiq.learners.settings import check_seeds
 from socialiq.nn.dial_policy import Dial
@@ -39,6 +41,7 @@ DECIDED = ("angle", "strength", "seed", "dataset", "online", "one_hot")
 """Fields of learners' configs that other options, the data or the world decide."""
 GRID = ("angle", "strength", "seed")
 """Settings in which the runs of a training differ."""
+_LOOK = 1000  # steps of random actions that should show an r_social
 PLURALS = {"policy": "policies", "dial": "dials"}
 """Kinds of policies, and their key in run.json."""
 
@@ -229,6 +232,28 @@ class LabelOptions:
         """Say on standard error what of the demonstrations was dropped, or not checked."""
         for line in self.notices:
             complain(line)
+
+
+def say_if_silent(env: gymnasium.Env[Any, Any]) -> None:
+    """Say that r_social was 0 in every step of random actions, if it was.
+
+    This is no refusal: a sound effect on others may be rare, as a collision is. Another constant
+    than 0 is not told: a cost of each step teaches a policy to end the episode.
+
+    Args:
+        env: Environment with a reward pair, which an angle steers.
+    """
+    space = env.action_space
+    space.seed(0)
+    rng = np.random.default_rng(0)
+    # In parts, because most environments show an r_social in the first.
+    source = from_env(env, _LOOK // 4, isinstance(space, gymnasium.spaces.Box))
+    parts = (source(lambda _: np.array([space.sample()]), rng) for _ in range(4))
+    if not any(np.any(part.target.social) for part in parts):
+        complain(
+            f"r_social was 0 in {_LOOK:,} steps of random actions: if it is always 0, the angle "
+            "teaches nothing; see to the environment's pair"
+        )
 
 
 def of_schema(policy: Any, schema: str) -> Any:
@@ -472,4 +497,6 @@ PlainGrid = tyro.conf.OmitArgPrefixes[PlainGridOptions]
 Size = tyro.conf.OmitArgPrefixes[SizeOptions]
 Labels = tyro.conf.OmitArgPrefixes[LabelOptions]
 Scaling = tyro.conf.OmitArgPrefixes[ScalingOptions]
-Run = tyro.conf.OmitArgPrefixes[RunOptions]
+_FURTHER = tyro.conf.arg(name="further")  # the title of the group in the help page
+Run = Annotated[tyro.conf.OmitArgPrefixes[RunOptions], _FURTHER]
+Set = Annotated[tyro.conf.OmitArgPrefixes[SetOptions], _FURTHER]
