@@ -129,6 +129,7 @@ COMPARED_BESIDE_THEIR_TESTS = {
         "intersection-offline",
         "lambda-sweep",
         "off-policy",
+        "own-data",
         "penalties",
         "poc",
         "theory",

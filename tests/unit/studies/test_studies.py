@@ -32,6 +32,7 @@ TINY = (
     "audits",
     "audit-power",
     "audit-tests",
+    "own-data",
 )
 """Studies that run in one process."""
 
@@ -181,6 +182,20 @@ def check_audit_power(tables, _summary):
     for row in tables["verdicts"]:
         assert row["passed"] + row["failed"] + row["inconclusive"] == pytest.approx(1, abs=1e-5)
     assert all(row["low"] <= row["covered"] <= row["high"] for row in tables["coverage"])
+
+
+def check_own_data(tables, _summary):
+    """Random actions have the share 0, the best demonstrator 1, and means are those of the sets."""
+    shares = tables["shares"]
+    for row in shares:
+        assert row["least"] <= row["share"] <= row["most"]
+    assert {row["share"] for row in matching(shares, method="random")} == {0.0}
+    assert {row["share"] for row in matching(shares, method="best demonstrator")} == {1.0}
+    cloned = {row["set"]: row["share"] for row in matching(shares, method="weighted cloning")}
+    sets = [share for name, share in cloned.items() if name != "mean"]
+    assert cloned["mean"] == pytest.approx(sum(sets) / len(sets), abs=1e-5)
+    values = matching(tables["policies"], set="cliff", method="weighted cloning")
+    assert [row["angle"] for row in values] == [0.0, 90.0]
 
 
 def check_audit_tests(tables, summary):
