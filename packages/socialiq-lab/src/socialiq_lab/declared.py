@@ -15,26 +15,29 @@ together; `jobs` or `compute_tables` takes the place of `[[train]]`.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import itertools
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialiq.errors import UserError, one_of
+from socialiq.foreign import FAILURES, failure
+from socialiq.results_folder import Results
 from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq_lab import tables as table_operations
+from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, Study, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from socialiq import Demonstrations
-    from socialiq.results_folder import Results
-    from socialiq_lab.gridworld_runs import Learned
+    from socialiq_lab.gridworld_runs import Learned, Training
 
 KEYS: dict[str, tuple[str, str]] = {
     "train": (
@@ -86,9 +89,9 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
         name,
         config_class(name, content, getattr(module, "check", None)),
         lambda config, context: _compute(content, module, config, context),
-        lambda results: _figures(content, module, results),
-        lambda results: _views(content, module, results),
-        getattr(module, "jobs", None),
+        lambda results: _figures(_of(results, content, "figure"), module, results),
+        lambda results: _views(_of(results, content, "view"), module, results),
+        lambda config: _jobs(content, module, config),
         getattr(module, "more_jobs", None),
     )
 
@@ -195,50 +198,140 @@ def _setting(config: Any, name: str) -> Any:
     return value[int(index)] if index else value
 
 
+class _Plan(NamedTuple):
+    """What a declaration says to do, its settings filled in."""
+
+    trainings: list[Training]
+    tables: list[dict[str, Any]]
+    summaries: dict[str, dict[str, Any]]  # parts of the summary by name; "" for the whole
+    figures: list[dict[str, Any]]
+    views: list[dict[str, Any]]
+
+    @staticmethod
+    def of(content: Mapping[str, Any], module: Any, config: Any) -> _Plan:
+        """Return the plan, after what the grammar or `study.py` lacks is refused."""
+        from socialiq.learners.kernel import described
+        from socialiq_lab.gridworld_runs import Training
+
+        trained = variants(content, config)
+        tables, summary, figures, views = (
+            resolved(content.get(name, empty), config)
+            for name, empty in (("table", []), ("summary", {}), ("figure", []), ("view", []))
+        )
+        parts = {"": summary} if {"from", "python"} & summary.keys() else summary
+        if not hasattr(module, "compute_tables") and "world" not in content:
+            raise UserError(
+                "STUDY.toml: name its world, or compute its tables in study.py beside it"
+            )
+        _check([trained, tables, list(parts.values()), figures, views], module)
+        world = resolved(content.get("world", ""), config)
+        priors = (getattr(module, training.get("prior", ""), None) for training in trained)
+        trainings = [
+            Training(world, config.seeds, training, described(prior) if prior else {})
+            for training, prior in zip(trained, priors, strict=True)
+        ]
+        return _Plan(trainings, tables, parts, figures, views)
+
+    def derive(self, state: State, module: Any, summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Add the tables that follow from those of the state; return the summary.
+
+        Without a module what has no grammar is left out, and what follows from it.
+        """
+        names = [*state.tables]
+        for table in [*self.tables, *self.summaries.values()]:
+            if "python" not in table:
+                one_of("table", table["from"], names)
+            names.append(table.get("name", ""))
+        for table in self.tables:
+            if "python" in table and module:
+                rows = getattr(module, table["python"])(state)
+            elif table.get("from") in state.tables:
+                rows = table_operations.derived(table, state.tables, state.ground)
+            else:
+                continue
+            state.tables |= table_operations.named({table["name"]: rows})
+        results = dict(summary)
+        for name, part in self.summaries.items():
+            if "python" in part:
+                entries = getattr(module, part["python"])(state) if module else {}
+            else:
+                rows = state.tables.get(part["from"], [])
+                rows = table_operations.where(rows, part.get("where", {}))
+                entries = table_operations.nested(rows, *part["nest"], keep=part.get("keep"))
+            results |= {name: entries} if name else entries
+        return results
+
+    def rehearse(self, config: Any) -> None:
+        """Derive, draw and print everything from invented rows, before anything is trained.
+
+        Raises:
+            UserError: If a table, a column or another value is wrong.
+        """
+        ground = SimpleNamespace(optimum=SimpleNamespace(regret=lambda *_: 0.5))
+        state = State(config, ground)
+        for training in self.trainings:
+            rows = state.tables.setdefault(training.declared["rows"], [])
+            rows += training.invented()
+        state.tables = table_operations.named(state.tables)
+        names = [*state.tables, *(table["name"] for table in self.tables)]
+        for entry in [*self.figures, *self.views]:
+            layers = [] if {"python", "rows"} & entry.keys() else entry.get("layers", [{}])
+            for layer in layers:
+                one_of("table", layer.get("table", entry.get("table", entry.get("name"))), names)
+        try:
+            summary = self.derive(state, None, {})
+            results = Results("", dataclasses.asdict(config), state.tables, summary, {})
+            _views(self.views, None, results)
+            _figures(self.figures, None, results)
+        except UserError as error:
+            raise UserError(f"STUDY.toml: {error}") from error
+        except FAILURES as error:
+            raise failure("STUDY.toml", error) from error
+
+
+def _jobs(content: Mapping[str, Any], module: Any, config: Any) -> Sequence[Job]:
+    """Refuse what can't be computed or drawn; return the jobs of `study.py`, or one a training."""
+    plan = _Plan.of(content, module, config)
+    if hasattr(module, "compute_tables"):
+        return module.jobs(config) if hasattr(module, "jobs") else []
+    from socialiq_lab.gridworld_runs import train_declared
+
+    plan.rehearse(config)
+    jobs = []
+    for number, training in enumerate(plan.trainings):
+        prior = getattr(module, training.declared.get("prior", ""), None)
+        stage = _NO_NAME.sub(" ", training.declared["stage"])
+        work = functools.partial(train_declared, prior=prior)
+        jobs.append(Job(f"{stage}/{number}", work, training, cost=float(len(training.runs()))))
+    return jobs
+
+
+_NO_NAME = re.compile(r"[^\w ,'()-]")
+"""Characters that the name of a folder may lack."""
+
+
 def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Context) -> Findings:
-    """Train every variant, then compute the tables and the summary in their order."""
-    from socialiq.evaluation.exact import Ground
+    """Evaluate what was trained, then compute the tables and the summary in their order."""
     from socialiq_lab import gridworld_runs
 
-    computes = hasattr(module, "compute_tables")
-    if not computes and "world" not in content:
-        raise UserError("STUDY.toml: name its world, or compute its tables in study.py beside it")
-    trainings = variants(content, config)
-    tables = resolved(content.get("table", []), config)
-    summary = resolved(content.get("summary", {}), config)
-    parts = {"": summary} if {"from", "python"} & summary.keys() else summary
-    drawings = (resolved(content.get(name, []), config) for name in ("figure", "view"))
-    state = State(config, None if computes else Ground.of(resolved(content["world"], config)))
-    _check([trainings, tables, list(parts.values()), *drawings], module)
-    findings = module.compute_tables(config, context) if computes else Findings({}, {})
-    state.tables |= findings.tables
-    names = [*findings.tables, *(training["rows"] for training in trainings)]
-    for table in [*tables, *parts.values()]:
-        if "python" not in table:
-            one_of("table", table["from"], names)
-        names.append(table.get("name", ""))
-    for training in trainings:
-        report = context.on_stage(training["stage"])
-        prior = getattr(module, training.get("prior", ""), None)
-        inputs = training, state.ground, config.seeds, state.data
-        rows, policies = gridworld_runs.train_declared(*inputs, report, prior)
-        state.tables.setdefault(training["rows"], []).extend(rows)
-        state.policies += policies
-    for table in tables:
-        if "python" in table:
-            state.tables[table["name"]] = getattr(module, table["python"])(state)
-        else:
-            rows = table_operations.derived(table, state.tables, state.ground)
-            state.tables[table["name"]] = rows
-    results = dict(findings.summary)
-    for name, part in parts.items():
-        if "python" in part:
-            entries = getattr(module, part["python"])(state)
-        else:
-            rows = table_operations.where(state.tables[part["from"]], part.get("where", {}))
-            entries = table_operations.nested(rows, *part["nest"], keep=part.get("keep"))
-        results |= {name: entries} if name else entries
-    return findings._replace(tables=state.tables, summary=results)
+    plan = _Plan.of(content, module, config)
+    if hasattr(module, "compute_tables"):
+        findings = module.compute_tables(config, context)
+        state = State(config, None, findings.tables)
+    else:
+        findings = Findings({}, {})
+        world = resolved(content["world"], config)
+        state = State(config, gridworld_runs.world_of(world))
+        for job, training in zip(context.jobs, plan.trainings, strict=True):
+            prior = getattr(module, training.declared.get("prior", ""), None)
+            folder = context.work / job.name
+            rows, policies, data = gridworld_runs.declared_rows(training, folder, prior)
+            state.data[" ".join(map(str, *training.declared["data"].items()))] = data
+            state.tables.setdefault(training.declared["rows"], []).extend(rows)
+            state.policies += policies
+    state.tables = table_operations.named(state.tables)
+    summary = plan.derive(state, module, findings.summary)
+    return findings._replace(tables=state.tables, summary=summary)
 
 
 def _check(entries_of_tables: Sequence[Sequence[Mapping[str, Any]]], module: Any) -> None:
@@ -330,11 +423,21 @@ def product_of(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [dict(zip(columns, values, strict=True)) for values in itertools.product(*lists)]
 
 
-def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[str, Figure]:
+def _of(results: Results, content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
+    """Return the figures or the views of results, the settings of these filled in."""
+    return resolved(content.get(name, []), SimpleNamespace(**results.config))
+
+
+def _figures(
+    declared: Sequence[dict[str, Any]], module: Any, results: Results
+) -> dict[str, Figure]:
     from socialiq_lab import figures
 
     pictures = {}
-    for figure in resolved(content.get("figure", []), SimpleNamespace(**results.config)):
+    results = dataclasses.replace(results, tables=table_operations.named(results.tables))
+    for figure in declared:
+        if {"python", "rows"} & figure.keys() and not module:
+            continue
         if "python" in figure:
             pictures |= getattr(module, figure["python"])(results)
             continue
@@ -349,11 +452,12 @@ def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[
     return pictures
 
 
-def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[View]:
+def _views(declared: Sequence[dict[str, Any]], module: Any, results: Results) -> list[View]:
     views = []
-    for view in resolved(content.get("view", []), SimpleNamespace(**results.config)):
+    results = dataclasses.replace(results, tables=table_operations.named(results.tables))
+    for view in declared:
         if "python" in view:
-            views += getattr(module, view["python"])(results)
+            views += getattr(module, view["python"])(results) if module else []
             continue
         if view["table"] not in results.tables:  # it was empty
             continue
