@@ -24,18 +24,18 @@ static = { updates = "$updates" }
 
 [[train]]
 stage = "plain / first"
-label = { target = 0.0 }
+label = { target = "0" }
 runs = { angle = [0.0] }
 
 [[train]]
 stage = "plain / second"
-label = { target = 45.0 }
+label = { target = "45" }
 runs = { angle = [45.0] }
 prior = "l1"
 
 [[train]]
 stage = "clones"
-label = { target = "@angle" }
+label = { target = "clone" }
 learner = "behaviour_cloning"
 
 [[table]]

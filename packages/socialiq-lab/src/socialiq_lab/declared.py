@@ -56,6 +56,8 @@ KEYS: dict[str, tuple[str, str]] = {
 }
 """Keys of each table: what it needs unless a function takes its place, and what it may have."""
 
+_OTHERS = ("title", "of_the_thesis", "world", "counts", "config", "tiny", "defaults")
+
 LEARNERS = ("iq_learn", "behaviour_cloning")
 DATA = ("trajectories", "transitions")
 KINDS = ("lines", "points", "band", "bars", "heatmap")
@@ -291,6 +293,8 @@ class _Plan(NamedTuple):
 
 def _jobs(content: Mapping[str, Any], module: Any, config: Any) -> Sequence[Job]:
     """Refuse what can't be computed or drawn; return the jobs of `study.py`, or one a training."""
+    for key in content if module is None else ():
+        one_of("key of STUDY.toml", key, _OTHERS + tuple(KEYS))
     plan = _Plan.of(content, module, config)
     if hasattr(module, "compute_tables"):
         return module.jobs(config) if hasattr(module, "jobs") else []
