@@ -97,7 +97,8 @@ def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, 
     """Train and audit a method on every contamination, or check the data."""
     if not part.of:
         return {"checks": list(check_rows(part.study, Grid(part.study), on_stage))}
-    return {"policies": list(learned(part.study, *part.of, on_stage))}
+    world, name = part.of
+    return {"policies": list(learned(part.study, world, name, on_stage))}
 
 
 def learned(config: Any, world: str, name: str, on_stage: StageCallback) -> Iterator[Row]:

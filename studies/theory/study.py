@@ -43,7 +43,8 @@ def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, 
     """Train networks, or solve the problems of a table."""
     if isinstance(part.of, str):
         return {part.of: exact_tables(part.study)[part.of]()}
-    return {"trained": training.trained_rows(part.study, *part.of, on_stage)}
+    next_value, kind = part.of
+    return {"trained": training.trained_rows(part.study, next_value, kind, on_stage)}
 
 
 def exact_tables(config: Any) -> dict[str, Callable[[], list[Row]]]:
