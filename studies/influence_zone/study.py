@@ -6,7 +6,6 @@ judged on the second half. One code does so for every road, and for a gridworld'
 """
 
 import functools
-import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,6 @@ from socialiq.worlds.highway.options import SOCIAL_SIGNALS, RoadOptions
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import make_grid, open_world
 from socialiq_lab.jobs import Job, Part, StageCallback, kept
-from socialiq_lab.study import Context, Findings
 from studies.influence_zone import moved
 
 DIALS = {
@@ -58,7 +56,8 @@ def jobs(config: Any) -> list[Job]:
         road_with_effects(road)
     dials = [
         Job(f"dials/{name}, {angle:g}", dial_rows, Part(config, (name, angle)))
-        for name, angle in itertools.product(DIALS, config.angles)
+        for name in DIALS
+        for angle in config.angles
         if _dial(name, angle)
     ]
     zones = [Job(f"zones/{road}", road_rows, Part(config, road)) for road in config.roads]
@@ -110,16 +109,6 @@ def dial_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, 
     seeds = part.study.first_seed + np.arange(part.study.episodes)
     rows = [label | row for row in correlation_rows(_dial(name, angle), seeds)]
     return {"correlations": rows}
-
-
-def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
-    """Return what the jobs have kept.
-
-    Args:
-        config: Configuration of the study.
-        context: The finished jobs.
-    """
-    return Findings(context.tables(), {})
 
 
 def _scikit_learn() -> list[Any]:

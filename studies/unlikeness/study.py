@@ -22,7 +22,7 @@ from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq.worlds.intersection.world import Intersection
 from socialiq_lab.jobs import Job, Part, StageCallback, kept
-from socialiq_lab.study import Context, Findings, tracked
+from socialiq_lab.study import tracked
 
 STOP = "wait"
 CHANCE = "stops by chance"
@@ -139,16 +139,3 @@ def of_angle(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, li
             rows = fallback_rows(config, dials[0], policy, shift, angle, blocks[2])
             fallback += [label | row for row in rows]
     return {"separation": separation, "fallback": fallback}
-
-
-def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
-    """Return what the jobs have kept.
-
-    Args:
-        config: Configuration of the study.
-        context: The finished jobs.
-
-    Returns:
-        Tables `separation` and `fallback`.
-    """
-    return Findings(context.tables(), {})

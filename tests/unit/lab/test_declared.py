@@ -12,7 +12,8 @@ from socialiq.learners.dial.config import INTERSECTION
 from socialiq.results_folder import Results
 from socialiq.settings import assignments, changed
 from socialiq_lab import registry
-from socialiq_lab.declared import KEYS, KINDS, config_class, declared_study, resolved, variants
+from socialiq_lab.declared import KEYS, KINDS, declared_study
+from socialiq_lab.declared_settings import config_class, resolved, variants
 from socialiq_lab.figures import draw
 from socialiq_lab.jobs import fingerprints
 from socialiq_lab.study import Context, Findings, silent

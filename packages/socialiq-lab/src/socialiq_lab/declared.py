@@ -9,27 +9,25 @@ Elsewhere "$name" is the value of a setting, "$name.0" its first item, "{name}" 
 
 What has no grammar is a function in `study.py` of the same folder, named with "python": a prior,
 rows of a table, a summary, a figure or a view. `check` there refuses settings that don't fit
-together; `jobs` or `compute_tables` takes the place of `[[train]]`.
+together; `jobs` or `compute_tables` takes the place of `[[train]]`; without the latter the tables
+are what the jobs have kept.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib
-import itertools
-import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import FAILURES, failure
 from socialiq.results_folder import Results
-from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq_lab import tables as table_operations
+from socialiq_lab.declared_settings import config_class, resolved, variants
 from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, Study, View
 
@@ -98,108 +96,6 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
     )
 
 
-def config_class(
-    name: str, content: Mapping[str, Any], check: Callable[[Any], None] | None = None
-) -> type[Any]:
-    """Return a frozen dataclass of the settings that a STUDY.toml declares.
-
-    Args:
-        name: Name of the study.
-        content: Content of the STUDY.toml.
-        check: Refuses values that don't fit together, after those of `counts` are checked.
-
-    Raises:
-        UserError: If `[config]` is missing, or the type of a value can't be told.
-    """
-    if not isinstance(content.get("config"), Mapping):
-        raise UserError(f"{name}: STUDY.toml has no table config: give the settings' defaults")
-    fields = []
-    for key, value in content["config"].items():
-        if isinstance(value, str) and value.startswith("$"):
-            value = list(content.get(value[1:], ()))
-        if isinstance(value, Mapping) and "of" in value:
-            value = settings_of(f"{name}: {key}", **value)
-        if isinstance(value, list):
-            if not value or len({type(item) for item in value}) > 1:
-                raise UserError(f"{name}: {key} must be a list of equal types, and not empty")
-            fields.append((key, tuple[type(value[0]), ...], tuple(value)))
-        elif isinstance(value, bool | int | float | str) or dataclasses.is_dataclass(value):
-            fields.append((key, type(value), value))
-        else:
-            raise UserError(f"{name}: {key} must be a number, a text, true, false or a list")
-
-    counts = content.get("counts", ())
-
-    def refuse(config: Any) -> None:
-        from socialiq.learners.settings import check_counts
-
-        lists = [name for name in counts if isinstance(getattr(config, name), tuple)]
-        for name in lists:
-            if not getattr(config, name):
-                raise UserError(f"{name} must name at least one")
-        check_counts(config, [name for name in counts if name not in lists])
-        if check is not None:
-            check(config)
-
-    namespace = {"__post_init__": refuse}
-    return dataclasses.make_dataclass("Config", fields, frozen=True, namespace=namespace)
-
-
-def settings_of(name: str, of: str, **changes: Any) -> Any:
-    """Return a dataclass of this project, or an instance, with other values.
-
-    Args:
-        name: Name of the value, for messages.
-        of: MODULE:NAME of the dataclass or the instance.
-        **changes: Values of its fields.
-
-    Raises:
-        UserError: If there is none of that name.
-    """
-    module, _, path = of.partition(":")
-    if module.split(".")[0] not in ("socialiq", "socialiq_lab", "socialiq_recordings"):
-        raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
-    try:
-        base = operator.attrgetter(path)(importlib.import_module(module))
-    except (ImportError, AttributeError) as error:
-        raise UserError(f"{name} must be a dataclass of socialiq, got {of}: {error}") from error
-    if not dataclasses.is_dataclass(base):
-        raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
-    if isinstance(base, type):
-        fields = dataclasses.fields(base)
-        needed = [field.name for field in fields if field.default is field.default_factory]
-        base = base(**{key: changes[key] for key in needed})  # they have neither: both are MISSING
-    return changed(base, changes)
-
-
-def resolved(value: Any, config: Any) -> Any:
-    """Return a value of a declaration with every "$name" replaced by that setting's value.
-
-    Raises:
-        UserError: If there is no such setting.
-    """
-    if isinstance(value, Mapping):
-        return {key: resolved(item, config) for key, item in value.items()}
-    if isinstance(value, list):
-        return [resolved(item, config) for item in value]
-    if not isinstance(value, str):
-        return value
-    if value.startswith("$"):
-        return _setting(config, value[1:])
-    return _IN_TEXT.sub(lambda match: str(_setting(config, match.group(1))), value)
-
-
-_IN_TEXT = re.compile(r"\{([a-z_]+(?:\.\d+)?)\}")
-
-
-def _setting(config: Any, name: str) -> Any:
-    setting, _, index = name.partition(".")
-    if not hasattr(config, setting):
-        raise UserError(f"STUDY.toml: {name} is no setting of the table config")
-    value = getattr(config, setting)
-    return value[int(index)] if index else value
-
-
 class _Plan(NamedTuple):
     """What a declaration says to do, its settings filled in."""
 
@@ -221,7 +117,7 @@ class _Plan(NamedTuple):
             for name, empty in (("table", []), ("summary", {}), ("figure", []), ("view", []))
         )
         parts = {"": summary} if {"from", "python"} & summary.keys() else summary
-        if not hasattr(module, "compute_tables") and "world" not in content:
+        if not _computes(module) and "world" not in content:
             raise UserError(
                 "STUDY.toml: name its world, or compute its tables in study.py beside it"
             )
@@ -291,13 +187,19 @@ class _Plan(NamedTuple):
             raise failure("STUDY.toml", error) from error
 
 
+def _computes(module: Any) -> bool:
+    """Whether `study.py` takes the place of `[[train]]`."""
+    return hasattr(module, "jobs") or hasattr(module, "compute_tables")
+
+
 def _jobs(content: Mapping[str, Any], module: Any, config: Any) -> Sequence[Job]:
     """Refuse what can't be computed or drawn; return the jobs of `study.py`, or one a training."""
     for key in content if module is None else ():
         one_of("key of STUDY.toml", key, _OTHERS + tuple(KEYS))
     plan = _Plan.of(content, module, config)
-    if hasattr(module, "compute_tables"):
-        return module.jobs(config) if hasattr(module, "jobs") else []
+    if _computes(module):
+        own = getattr(module, "jobs", None)
+        return own(config) if own else []
     from socialiq_lab.gridworld_runs import train_declared
 
     plan.rehearse(config)
@@ -319,8 +221,9 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
     from socialiq_lab import gridworld_runs
 
     plan = _Plan.of(content, module, config)
-    if hasattr(module, "compute_tables"):
-        findings = module.compute_tables(config, context)
+    if _computes(module):
+        compute = getattr(module, "compute_tables", None)
+        findings = compute(config, context) if compute else Findings(context.tables(), {})
         state = State(config, None, findings.tables)
     else:
         findings = Findings({}, {})
@@ -363,68 +266,6 @@ def _check(entries_of_tables: Sequence[Sequence[Mapping[str, Any]]], module: Any
     for figure in entries_of_tables[3]:
         for layer in (figure, *figure.get("layers", ())):
             one_of("kind of figure", layer.get("kind", KINDS[0]), KINDS)
-
-
-def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
-    """Return the trainings of a declaration, each with the values of its runs.
-
-    Defaults are laid under, `each` and the grid of `runs` are multiplied out, and the numbers of
-    `reciprocal` are added.
-
-    Args:
-        content: Content of a STUDY.toml.
-        config: Configuration of the study.
-
-    Returns:
-        A declaration for each variant whose `if` is not false. Its `runs` list the values of each
-        run by name.
-
-    Raises:
-        UserError: If a setting is unknown, a column of values is no list, or `reciprocal` names an
-            unknown number.
-    """
-    from socialiq.evaluation.rollout import MODES
-
-    expanded = []
-    for train in content.get("train", ()):
-        variant = dict(content.get("defaults", {}))
-        for key, value in train.items():  # tables in the defaults are merged, but one of data
-            below = variant.get(key)
-            if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "data":
-                value = {**below, **value}
-            variant[key] = value
-        for values in product_of(resolved(variant.pop("each", {}), config)):
-            bound = SimpleNamespace(**dataclasses.asdict(config) | values)
-            result = resolved(variant, bound)
-            result["runs"] = product_of(result.get("runs", {}))
-            for run, (name, of) in itertools.product(
-                result["runs"], result.get("reciprocal", {}).items()
-            ):
-                one_of("number of the runs", of, tuple(run))
-                run[name] = 1.0 / run[of]
-            if result.get("targets") == "modes":
-                result["targets"] = list(MODES.values())
-            if result.pop("if", True):
-                expanded.append(result)
-    return expanded
-
-
-def product_of(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return every combination of the columns' values, the last column varying fastest.
-
-    Args:
-        columns: List of values by column; "modes" stands for the experts' angles.
-
-    Raises:
-        UserError: If a column is no list.
-    """
-    from socialiq.evaluation.rollout import MODES
-
-    lists = [list(MODES.values()) if values == "modes" else values for values in columns.values()]
-    for name, values in zip(columns, lists, strict=True):
-        if not isinstance(values, list | tuple):
-            raise UserError(f'STUDY.toml: {name} must be a list, or "modes", got {values!r}')
-    return [dict(zip(columns, values, strict=True)) for values in itertools.product(*lists)]
 
 
 def _of(results: Results, content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:

@@ -139,7 +139,7 @@ class Training:
 
     world: str
     seeds: tuple[int, ...]  # each has a separate data set
-    declared: Mapping[str, Any]  # as `declared.variants` multiplies it out
+    declared: Mapping[str, Any]  # as `declared_settings.variants` multiplies it out
     prior: Mapping[str, str]  # name and SHA-256 of the user's penalty, if there is one
 
     def runs(self) -> list[Any]:

@@ -17,7 +17,7 @@ class NamedRow(dict[str, Any]):
     def __missing__(self, name: str) -> Any:
         one_of("column", name, tuple(self))
 
-    def __or__(self, other: Mapping[str, Any]) -> "NamedRow":
+    def __or__(self, other: Any) -> Any:
         return NamedRow({**self, **other})
 
 
