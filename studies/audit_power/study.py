@@ -5,7 +5,7 @@ from typing import Any
 
 from socialiq.audit.seeds import check_episodes
 from socialiq.types import Row
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings
 from studies.audit_power import grinding, heavy_tails, power
 
@@ -30,7 +30,7 @@ def jobs(config: Any) -> list[Job]:
     return [Job(f"tables/{name}", table_rows, Part(config, name)) for name in TABLES]
 
 
-@kept
+@keeps_rows
 def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Audit simulated drivers many times, and count, for a table."""
     return {part.of: TABLES[part.of](part.study, on_stage)}

@@ -28,7 +28,7 @@ from socialiq.statistics.intervals import clopper_pearson, episodes_needed
 from socialiq.types import Row
 from socialiq_lab.audit_arena import default_declaration
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, silent, tracked
 from socialiq_lab.tables import column, matching, nested
@@ -223,7 +223,7 @@ def jobs(config: Any) -> list[Job]:
     ]
 
 
-@kept
+@keeps_rows
 def audits(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Audit the policies of a world; those of the gridworld are trained first."""
     config = part.study

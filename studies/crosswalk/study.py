@@ -13,7 +13,7 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq_lab.gridworld_runs import file_of, train_dials
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings
 
 SUMS = ("r_env", "r_vehicle", "r_vulnerable")
@@ -31,7 +31,7 @@ def _ground() -> ClassGround:
     return ClassGround(tabulate(make_grid("crosswalk7").with_clock()))
 
 
-@kept
+@keeps_rows
 def trained_dials(part: Part, folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Train a dial of each seed, hold it against the optima, and write the first seed's."""
     config = part.study
@@ -52,7 +52,7 @@ def trained_dials(part: Part, folder: Path, on_stage: StageCallback) -> dict[str
     return {"directions": directions, "dials": dials}
 
 
-@kept
+@keeps_rows
 def exact_optima(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
     """Solve every direction, and count distinct optima and vertices."""
     config = part.study

@@ -18,7 +18,7 @@ from socialiq.social.angle import angle_difference, angle_of
 from socialiq.storage import write_atomically
 from socialiq.types import Row
 from socialiq_lab.gridworld_runs import file_of, train_dials
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column
 
@@ -37,7 +37,7 @@ def jobs(config: Any) -> list[Job]:
     return runs + [Job(f"ceilings/{kind}", ceiling_rows, Part(config, kind)) for kind in supports]
 
 
-@kept
+@keeps_rows
 def trained_dials(part: Part, folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Train a run, evaluate it exactly at each degree, set its mixtures, write its first dial."""
     config = part.study
@@ -66,7 +66,7 @@ def ceilings(config: Any, support: str) -> dict[int, AttainableSet]:
     }
 
 
-@kept
+@keeps_rows
 def ceiling_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
     """Return the regret of the best values within a support, by seed and angle."""
     wanted = part.study.wanted

@@ -24,7 +24,7 @@ from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS, RoadOptions
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import make_grid, open_world
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from studies.influence_zone import moved
 
 DIALS = {
@@ -68,7 +68,7 @@ def _dial(name: str, angle: float) -> Policy:
     return DialPolicy.load(packaged_results() / DIALS[name]).at(angle)
 
 
-@kept
+@keeps_rows
 def road_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
     """Learn and judge the zone of a road."""
     first = part.study.first_seed
@@ -89,7 +89,7 @@ def road_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, 
     }
 
 
-@kept
+@keeps_rows
 def grid_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
     """Learn and judge the zone of the gridworld."""
     features, is_moved = moved.grid_vehicles(tabulate(make_grid(GRID)))
@@ -101,7 +101,7 @@ def grid_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, 
     return {"zones": [label | row], "trees": trees}
 
 
-@kept
+@keeps_rows
 def dial_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
     """Correlate measures of a dial's decisions with what others lose."""
     name, angle = part.of

@@ -18,7 +18,7 @@ from socialiq.worlds.highway.scene_batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import nested, options_name
@@ -47,7 +47,7 @@ def jobs(config: Any) -> list[Job]:
     ]
 
 
-@kept
+@keeps_rows
 def outcomes(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Drive every driver in a population."""
     config = part.study
@@ -61,7 +61,7 @@ def outcomes(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, li
     return {"outcomes": rows}
 
 
-@kept
+@keeps_rows
 def readings(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Compute the rewards of every driver by an interpretation, which is changed options."""
     config = part.study

@@ -23,7 +23,7 @@ from socialiq.types import Policy, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.registry import make
 from socialiq_lab.audit_arena import AuditArena, course_of
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings, tracked
 
 WORLD = "intersection"
@@ -78,7 +78,7 @@ def jobs(config: Any) -> list[Job]:
     return [Job(f"audits/{name}", audits, Part(config, name)) for name in config.scenarios]
 
 
-@kept
+@keeps_rows
 def audits(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Audit every policy in a scenario."""
     return {"audits": list(audit_rows(part.study, part.of, on_stage))}

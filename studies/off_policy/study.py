@@ -17,7 +17,7 @@ from socialiq.mdp.horizon import horizon_optimum
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.registry import make_grid
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import labelled, matching, mean
 
@@ -90,7 +90,7 @@ def jobs(config: Any) -> list[Job]:
     ]
 
 
-@kept
+@keeps_rows
 def estimates(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Evaluate every policy from every set of episodes, and exactly."""
     config = part.study

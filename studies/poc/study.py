@@ -24,7 +24,7 @@ from socialiq.types import Row
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import sequence, train_runs
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import groups, labelled
@@ -48,7 +48,7 @@ def jobs(config: Any) -> list[Job]:
     ]
 
 
-@kept
+@keeps_rows
 def sequences(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Train a variant, and return its greedy action sequences."""
     value, kind = part.of

@@ -23,7 +23,7 @@ from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.audit_arena import RESAMPLES
 from socialiq_lab.comparison_runs import Learner, Run, iq_learn, offline
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import column, groups, labelled, mean
@@ -92,7 +92,7 @@ def jobs(config: Any) -> list[Job]:
     return trained + checks
 
 
-@kept
+@keeps_rows
 def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Train and audit a method on every contamination, or check the data."""
     if not part.of:

@@ -17,7 +17,7 @@ from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, groups
 from studies.theory import statements, training
@@ -38,7 +38,7 @@ def jobs(config: Any) -> list[Job]:
     return trained + exact
 
 
-@kept
+@keeps_rows
 def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Train networks, or solve the problems of a table."""
     if isinstance(part.of, str):

@@ -21,7 +21,7 @@ from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab.jobs import Job, Part, StageCallback, kept
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import tracked
 
 STOP = "wait"
@@ -108,7 +108,7 @@ def jobs(config: Any) -> list[Job]:
     return [Job(f"shifts/{angle:g}", of_angle, Part(config, angle)) for angle in config.angles]
 
 
-@kept
+@keeps_rows
 def of_angle(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Fit the score at an angle, compare both by shift, and drive with each fallback."""
     config = part.study

@@ -64,7 +64,7 @@ def tables(folder):
 
 def ended(process):
     """Wait for a command; return what it printed as progress."""
-    _, progress = process.communicate(timeout=400)
+    _, progress = process.communicate()
     assert process.returncode == 0, progress
     return progress
 

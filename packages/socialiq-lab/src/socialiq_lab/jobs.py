@@ -49,10 +49,10 @@ Work = Callable[[Any, Path, Inputs, ProgressCallback], None]
 
 
 ROWS = "rows.json"
-"""File of the rows that a job keeps (`kept`), as exact as they were computed."""
+"""File of the rows that a job keeps (`keeps_rows`), as exact as they were computed."""
 
 
-def kept(function: Callable[[Any, Path, StageCallback], Mapping[str, Sequence[Row]]]) -> Work:
+def keeps_rows(function: Callable[[Any, Path, StageCallback], Mapping[str, Sequence[Row]]]) -> Work:
     """Make the work of a job whose function returns rows of tables, which are kept.
 
     Args:

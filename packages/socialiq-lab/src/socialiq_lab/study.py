@@ -40,7 +40,7 @@ class Context(NamedTuple):
     on_stage: StageCallback  # shows the progress of a study without jobs
 
     def tables(self) -> dict[str, list[Row]]:
-        """Return the rows that the jobs have kept (`jobs.kept`), in their order, by table."""
+        """Return the rows that the jobs have kept (`jobs.keeps_rows`), in their order, by table."""
         tables: dict[str, list[Row]] = {}
         for job in self.jobs:
             for name, rows in json.loads((self.work / job.name / ROWS).read_text()).items():

@@ -17,8 +17,8 @@ class NamedRow(dict[str, Any]):
     def __missing__(self, name: str) -> Any:
         one_of("column", name, tuple(self))
 
-    def __or__(self, other: Any) -> Any:
-        return NamedRow({**self, **other})
+    def __or__(self, columns: Any) -> Any:
+        return NamedRow({**self, **columns})
 
 
 def named(tables: Mapping[str, Sequence[Row]]) -> dict[str, list[Row]]:
