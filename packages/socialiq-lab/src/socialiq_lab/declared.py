@@ -147,7 +147,7 @@ class _Plan(NamedTuple):
                 rows = table_operations.derived(table, state.tables, state.ground)
             else:
                 continue
-            state.tables |= table_operations.named({table["name"]: rows})
+            state.tables |= table_operations.checked_rows({table["name"]: rows})
         results = dict(summary)
         for name, part in self.summaries.items():
             if "python" in part:
@@ -170,7 +170,7 @@ class _Plan(NamedTuple):
         for training in self.trainings:
             rows = state.tables.setdefault(training.declared["rows"], [])
             rows += training.invented()
-        state.tables = table_operations.named(state.tables)
+        state.tables = table_operations.checked_rows(state.tables)
         names = [*state.tables, *(table["name"] for table in self.tables)]
         for entry in [*self.figures, *self.views]:
             layers = [] if {"python", "rows"} & entry.keys() else entry.get("layers", [{}])
@@ -236,7 +236,7 @@ def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Cont
             state.data[" ".join(map(str, *training.declared["data"].items()))] = data
             state.tables.setdefault(training.declared["rows"], []).extend(rows)
             state.policies += policies
-    state.tables = table_operations.named(state.tables)
+    state.tables = table_operations.checked_rows(state.tables)
     summary = plan.derive(state, module, findings.summary)
     return findings._replace(tables=state.tables, summary=summary)
 
@@ -279,7 +279,7 @@ def _figures(
     from socialiq_lab import figures
 
     pictures = {}
-    results = dataclasses.replace(results, tables=table_operations.named(results.tables))
+    results = dataclasses.replace(results, tables=table_operations.checked_rows(results.tables))
     for figure in declared:
         if {"python", "rows"} & figure.keys() and not module:
             continue
@@ -299,7 +299,7 @@ def _figures(
 
 def _views(declared: Sequence[dict[str, Any]], module: Any, results: Results) -> list[View]:
     views = []
-    results = dataclasses.replace(results, tables=table_operations.named(results.tables))
+    results = dataclasses.replace(results, tables=table_operations.checked_rows(results.tables))
     for view in declared:
         if "python" in view:
             views += getattr(module, view["python"])(results) if module else []

@@ -21,7 +21,7 @@ class NamedRow(dict[str, Any]):
         return NamedRow({**self, **columns})
 
 
-def named(tables: Mapping[str, Sequence[Row]]) -> dict[str, list[Row]]:
+def checked_rows(tables: Mapping[str, Sequence[Row]]) -> dict[str, list[Row]]:
     """Return tables whose rows refuse unknown columns by name."""
     return {name: [NamedRow(row) for row in rows] for name, rows in tables.items()}
 
