@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from socialiq_lab.audit_pool import TESTS, Audits
 
 from socialiq.audit.evidence.drive import Course
 from socialiq.audit.evidence.outcomes import Reference
@@ -22,6 +21,7 @@ from socialiq.types import Policy, Row
 from socialiq.worlds.registry import make
 from socialiq_lab import audit_drivers as drivers
 from socialiq_lab.audit_arena import course_of
+from socialiq_lab.audit_pool import TESTS, Audits
 from socialiq_lab.comparison import GRIDWORLDS
 from socialiq_lab.intersection.driving import Deciding
 from socialiq_lab.study import Context, Findings, StageCallback, tracked

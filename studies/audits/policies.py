@@ -11,6 +11,7 @@ from socialiq import QPolicy, make
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR, floor_at
 from socialiq.evaluation import exact, rollout
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import RUNS
 from socialiq.learners.iq_learn import config as presets
 from socialiq.policies.drivers import ATLAS
@@ -89,16 +90,16 @@ def trained_in_gridworld(
     steered = dataclasses.replace(presets.GRID, updates=updates[0])
     numbers = presets.TABLE_C1_NUMBERS
     runs = grid_of(list(rollout.MODES.values()), [presets.GRID_STRENGTH], [seed], numbers)
-    trio = train_runs(ground, steered, runs, data, on_stage("7x7 trio"))
+    trio = train_runs(ground, steered, runs, data, Callbacks(on_stage("7x7 trio")))
     for run, mode in enumerate(rollout.MODES):
         trio.policy(run).save(folder / f"learner_{mode}.safetensors")
     alone = grid_of([0.0], [0.0], [seed], numbers)
     plain = presets.baseline(steered)
-    baseline = train_runs(ground, plain, alone, data, on_stage("7x7 baseline"))
+    baseline = train_runs(ground, plain, alone, data, Callbacks(on_stage("7x7 baseline")))
     baseline.policy(0).save(folder / "baseline.safetensors")
     clocked = ground.with_clock(RUNS["online"].clock).table
     data = rollout.trajectory_datasets(clocked, [seed], _EPISODES_EACH)
-    inputs = clocked.world, [seed], data, updates[1], on_stage("7x7 dial")
+    inputs = clocked.world, [seed], data, updates[1], Callbacks(on_stage("7x7 dial"))
     dial = train_dials(RUNS["online"], *inputs).policy(0)
     dial.save(folder / "dial.safetensors")
     dial.at(0.0).save(folder / "dial_stuck.safetensors")

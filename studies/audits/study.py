@@ -21,14 +21,16 @@ from socialiq.audit.report.views import arcs
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import check_episodes
 from socialiq.audit.verdict.decision import Decision
+from socialiq.errors import one_of
 from socialiq.evaluation.rollout import MODES
 from socialiq.social.angle import angle_of, arcs_of_grid, exact_weights
 from socialiq.statistics.intervals import clopper_pearson, episodes_needed
 from socialiq.types import Row
 from socialiq_lab.audit_arena import default_declaration
 from socialiq_lab.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
-from socialiq_lab.study import Context, Findings, StageCallback, silent, tracked
+from socialiq_lab.study import Context, Findings, silent, tracked
 from socialiq_lab.tables import column, matching, nested
 from studies.audits import policies as audited
 
@@ -191,31 +193,51 @@ ERROR = 0.05
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Audit the policies of each world and the printed tables.
+    """Return what the jobs have kept, the printed tables, and the summary.
 
     Args:
         config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
+        context: The finished jobs.
 
     Returns:
         Table `audits`, the tables of `published_tables`, and the summary.
     """
+    tables = {**context.tables(), **published_tables(config.published_episodes)}
+    return Findings(tables, _summary(tables))
+
+
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each world.
+
+    Raises:
+        UserError: If there are too few episodes, or a world has no policies.
+    """
     check_episodes(config.episodes)
-    rows: list[Row] = []
+    worlds = "intersection", audited.GRIDWORLD
+    for world in config.worlds:
+        one_of("world", world, worlds)
+    return [
+        Job(f"audits/{world}", audits, Part(config, world))
+        for world in worlds
+        if world in config.worlds
+    ]
+
+
+@keeps_rows
+def audits(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Audit the policies of a world; those of the gridworld are trained first."""
+    config = part.study
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        how = config.episodes, config.seed, folder, context.on_stage
-        if "intersection" in config.worlds:
-            rows += audit_rows(list(audited.at_intersection(folder)), *how)
-        if audited.GRIDWORLD in config.worlds:
-            trained = folder / audited.GRIDWORLD
-            trained.mkdir()
+        if part.of == audited.GRIDWORLD:
             updates = config.updates, config.dial_updates
-            audited.exact_in_gridworld(trained)
-            audited.trained_in_gridworld(trained, config.training_seed, updates, context.on_stage)
-            rows += audit_rows(list(audited.of_gridworld(trained, config.dial_angles)), *how)
-    tables = {"audits": rows, **published_tables(config.published_episodes)}
-    return Findings(tables, _summary(tables))
+            audited.exact_in_gridworld(folder)
+            audited.trained_in_gridworld(folder, config.training_seed, updates, on_stage)
+            policies = list(audited.of_gridworld(folder, config.dial_angles))
+        else:
+            policies = list(audited.at_intersection(folder))
+        rows = audit_rows(policies, config.episodes, config.seed, folder, on_stage)
+    return {"audits": rows}
 
 
 def published_tables(episodes: int) -> dict[str, list[Row]]:

@@ -1,5 +1,6 @@
 """The dial in the 7x7 world: one network for every angle, against the exact optimum of each."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,13 +9,16 @@ from socialiq import UserError
 from socialiq.evaluation.dial import Sweep, ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.exact import READOUTS, Ground, action_table
 from socialiq.evaluation.rollout import rollout_totals, trajectory_datasets
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import PRESETS
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social import dial as mixtures
 from socialiq.social.angle import angle_difference, angle_of
+from socialiq.storage import write_atomically
 from socialiq.types import Row
 from socialiq_lab.gridworld_runs import file_of, train_dials
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column
 
@@ -24,53 +28,70 @@ DIAL = "dial.safetensors"
 """File of the first run's first dial in the results folder: chosen before any was evaluated."""
 
 
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each run, and one for each support of which there is a ceiling."""
+    supports = sorted({PRESETS[name].support for name in config.runs} - {""})
+    runs = [
+        Job(f"dials/{name}", trained_dials, Part(config, name), cost=9.0) for name in config.runs
+    ]
+    return runs + [Job(f"ceilings/{kind}", ceiling_rows, Part(config, kind)) for kind in supports]
+
+
+@keeps_rows
+def trained_dials(part: Part, folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Train a run, evaluate it exactly at each degree, set its mixtures, write its first dial."""
+    config = part.study
+    preset = PRESETS[part.of]
+    ground = Ground.of("crossing7").with_clock(preset.clock)
+    data = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
+    limits = ceilings(config, preset.support) if preset.support else {}
+    tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
+    inputs = ground.table.world, config.seeds, data, config.updates, Callbacks(on_stage(part.of))
+    trained = train_dials(preset, *inputs)
+    write_atomically(folder / "dial", file_of(trained.policy(0)))
+    for run, seed in enumerate(config.seeds):
+        label = {"run": part.of, "seed": seed}
+        limit = limits.get(seed, ground.optimum.attainable)
+        _evaluate(tables, label, trained.policy(run), ground, config, limit)
+    return tables
+
+
+def ceilings(config: Any, support: str) -> dict[int, AttainableSet]:
+    """Return the best values within the data's support, by the seed of the data."""
+    clocked = Ground.of("crossing7").with_clock(True)
+    data = trajectory_datasets(clocked.table, config.seeds, config.episodes_each)
+    return {
+        seed: support_ceiling(demonstrations, clocked.part, timed=support == "timed")
+        for seed, demonstrations in zip(config.seeds, data, strict=True)
+    }
+
+
+@keeps_rows
+def ceiling_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Return the regret of the best values within a support, by seed and angle."""
+    wanted = part.study.wanted
+    optimum = Ground.of("crossing7").optimum
+    rows = [
+        {"support": part.of, "seed": seed, "angle": angle, "regret": float(regret)}
+        for seed, ceiling in ceilings(part.study, part.of).items()
+        for angle, regret in zip(wanted, ceiling_regrets(ceiling, optimum, wanted), strict=True)
+    ]
+    return {"ceilings": rows}
+
+
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Train every run, evaluate it exactly at each degree, and set its mixtures.
+    """Return what the jobs have kept, the front, and the first run's first dial.
 
     Args:
         config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
+        context: The finished jobs.
     """
-    ground = Ground.of("crossing7")
-    grounds = {clock: ground.with_clock(clock) for clock in (True, False)}
-    data = {
-        clock: trajectory_datasets(grounds[clock].table, config.seeds, config.episodes_each)
-        for clock in grounds
-    }
-    supports = sorted({PRESETS[name].support for name in config.runs} - {""})
-    ceilings = {
-        (kind, seed): support_ceiling(demonstrations, grounds[True].part, timed=kind == "timed")
-        for kind in supports
-        for seed, demonstrations in zip(config.seeds, data[True], strict=True)
-    }
-    tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
-    files: dict[str, bytes] = {}
-    for name in config.runs:
-        clock = PRESETS[name].clock
-        world = grounds[clock].table.world
-        report = context.on_stage(f"7x7 dial, {name}")
-        inputs = world, config.seeds, data[clock], config.updates, report
-        trained = train_dials(PRESETS[name], *inputs)
-        for run, seed in enumerate(config.seeds):
-            dial = trained.policy(run)
-            label = {"run": name, "seed": seed}
-            if not files:
-                files[DIAL] = file_of(dial)
-            limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
-            _evaluate(tables, label, dial, grounds[clock], config, limit)
-    if ceilings:
-        tables["ceilings"] = [
-            {"support": support, "seed": seed, "angle": angle, "regret": float(regret)}
-            for (support, seed), ceiling in ceilings.items()
-            for angle, regret in zip(
-                config.wanted, ceiling_regrets(ceiling, ground.optimum, config.wanted), strict=True
-            )
-        ]
-    tables["front"] = [
+    front = [
         {"r_env": float(env), "r_social": float(social)}
-        for env, social in ground.optimum.attainable.front()
+        for env, social in Ground.of("crossing7").optimum.attainable.front()
     ]
-    return Findings(tables, {}, files)
+    file = context.work / "dials" / config.runs[0] / "dial"
+    return Findings(context.tables() | {"front": front}, {}, {DIAL: file.read_bytes()})
 
 
 def _evaluate(

@@ -7,6 +7,7 @@ judged on the second half. One code does so for every road, and for a gridworld'
 
 import functools
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from socialiq.worlds.highway.effects import CAUSED
 from socialiq.worlds.highway.options import SOCIAL_SIGNALS, RoadOptions
 from socialiq.worlds.highway.world import RoadWorld
 from socialiq.worlds.registry import make_grid, open_world
-from socialiq_lab.study import Context, Findings
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from studies.influence_zone import moved
 
 DIALS = {
@@ -31,6 +32,7 @@ DIALS = {
     "effects": "caused-effects/dial.safetensors",
 }
 """Committed dials whose decisions are compared."""
+GRID = "crossing7"
 MEASURES = "Eq 4.2", "encounter", "FeAR", "courtesy"
 DEPTH = 4  # of the small tree
 LEAVES = 4  # of a tree, that a table has
@@ -38,8 +40,8 @@ CELL = 10  # m, side of a cell of the map
 SIDE = 40  # m, to which the map goes on each side
 
 
-def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
-    """Learn and judge the zone of each world; correlate measures of decisions with their cost.
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each road, one for the gridworld, and one for each dial and angle.
 
     Raises:
         UserError: If scikit-learn is missing, a road or an angle is none, or there are fewer than
@@ -50,41 +52,63 @@ def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
         raise UserError(
             f"episodes must be at least 2, half of them to learn from, got {config.episodes}"
         )
-    worlds = {road: road_with_effects(road) for road in config.roads}
-    dials = {
-        (name, angle): DialPolicy.load(packaged_results() / path).at(angle)
-        for name, path in DIALS.items()
+    for road in config.roads:
+        road_with_effects(road)
+    dials = [
+        Job(f"dials/{name}, {angle:g}", dial_rows, Part(config, (name, angle)))
+        for name in DIALS
         for angle in config.angles
+        if _dial(name, angle)
+    ]
+    zones = [Job(f"zones/{road}", road_rows, Part(config, road)) for road in config.roads]
+    return [*zones, Job(f"zones/{GRID}", grid_rows, Part(config)), *dials]
+
+
+def _dial(name: str, angle: float) -> Policy:
+    return DialPolicy.load(packaged_results() / DIALS[name]).at(angle)
+
+
+@keeps_rows
+def road_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Learn and judge the zone of a road."""
+    first = part.study.first_seed
+    at_random = functools.partial(moved.RandomActor, seed=first)
+    seeds = first + np.arange(part.study.episodes)
+    driven = list(moved.decisions(road_with_effects(part.of), at_random, seeds))
+    features, hand, metres, episode = (
+        np.concatenate([getattr(decision, name) for decision in driven])
+        for name in ("features", "in_hand_zone", "metres", "episode")
+    )
+    spread = metres.max(axis=1) - metres.min(axis=1)
+    row, tree = learned_zone(features, spread, hand, episode % 2 == 0, moved.MOVED)
+    label: Row = {"world": part.of}
+    return {
+        "zones": [label | row],
+        "trees": [label | leaf for leaf in leaf_rows(tree, moved.ROAD_FEATURES)],
+        "map": [label | cell for cell in map_rows(features, spread > moved.MOVED)],
     }
-    seeds = config.first_seed + np.arange(config.episodes)
-    zones = []
-    leaves = []
-    cells = []
-    for road, world in worlds.items():
-        at_random = functools.partial(moved.RandomActor, seed=config.first_seed)
-        driven = list(moved.decisions(world, at_random, seeds))
-        features, hand, metres, episode = (
-            np.concatenate([getattr(decision, name) for decision in driven])
-            for name in ("features", "in_hand_zone", "metres", "episode")
-        )
-        spread = metres.max(axis=1) - metres.min(axis=1)
-        row, tree = learned_zone(features, spread, hand, episode % 2 == 0, moved.MOVED)
-        zones.append({"world": road} | row)
-        leaves += [{"world": road} | leaf for leaf in leaf_rows(tree, moved.ROAD_FEATURES)]
-        cells += [{"world": road} | cell for cell in map_rows(features, spread > moved.MOVED)]
-    features, is_moved = moved.grid_vehicles(tabulate(make_grid("crossing7")))
-    learning = np.random.default_rng(config.first_seed).random(len(features)) < 0.5
+
+
+@keeps_rows
+def grid_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Learn and judge the zone of the gridworld."""
+    features, is_moved = moved.grid_vehicles(tabulate(make_grid(GRID)))
+    learning = np.random.default_rng(part.study.first_seed).random(len(features)) < 0.5
     hand = (features[:, 0] == 2) & (features[:, 2] < 3)  # thesis 5.1.2: before the conflict cell
     row, tree = learned_zone(features, is_moved * 1.0, hand, learning, 0.5)
-    zones.append({"world": "crossing7"} | row)
-    leaves += [{"world": "crossing7"} | leaf for leaf in leaf_rows(tree, moved.GRID_FEATURES)]
-    correlations = [
-        {"dial": name, "angle": angle} | row
-        for (name, angle), policy in dials.items()
-        for row in correlation_rows(policy, seeds)
-    ]
-    tables = {"zones": zones, "trees": leaves, "map": cells, "correlations": correlations}
-    return Findings(tables, {})
+    label: Row = {"world": GRID}
+    trees = [label | leaf for leaf in leaf_rows(tree, moved.GRID_FEATURES)]
+    return {"zones": [label | row], "trees": trees}
+
+
+@keeps_rows
+def dial_rows(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Correlate measures of a dial's decisions with what others lose."""
+    name, angle = part.of
+    label: Row = {"dial": name, "angle": angle}
+    seeds = part.study.first_seed + np.arange(part.study.episodes)
+    rows = [label | row for row in correlation_rows(_dial(name, angle), seeds)]
+    return {"correlations": rows}
 
 
 def _scikit_learn() -> list[Any]:

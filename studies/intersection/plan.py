@@ -13,7 +13,7 @@ from socialiq.settings import changed, laid_over
 from socialiq.types import Row
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
-from socialiq_lab.declared import product_of, resolved
+from socialiq_lab.declared_settings import product_of, resolved
 from socialiq_lab.intersection import driving
 from socialiq_lab.intersection.driving import BEST, LAST, Driving, evaluation
 from socialiq_lab.intersection.training import ExpertRun, LearnerRun, train_expert, train_learner

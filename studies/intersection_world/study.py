@@ -1,7 +1,8 @@
 """The intersection under rule-based drivers, and the rewards of each variant (thesis 5.1.3)."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from socialiq.worlds.highway.scene_batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import Intersection
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import nested, options_name
@@ -28,52 +30,73 @@ REWARD_DRIVERS = _DRIVEN["reward_drivers"]
 EPISODE_SEED = 3  # seed of the drawn episode
 
 
-def compute_tables(config: Any, context: Context) -> Findings:
-    """Drive all drivers, and compute outcomes and rewards.
-
-    Args:
-        config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
-
-    Returns:
-        Tables `outcomes` and `readings`, and the summary.
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each population, and one for each interpretation of the reward.
 
     Raises:
         UserError: If the back end is unknown.
     """
     one_of("back_end", config.back_end, tuple(BATCH))
-    first = config.seeds[0]
-    how = config.threads, config.back_end
-
-    def driven(stage: str, cells: Any, episodes: int) -> Iterator[tuple[str, str, Episodes]]:
-        """Drive each cell of a table, which is a name, its options and a driver."""
-        seeds = range(first, first + episodes)
-        for name, options, driver in tracked(list(cells), context.on_stage, stage, "drivers"):
-            yield name, driver, drive(options, driver, seeds, *how)
-
-    names = _DRIVEN["populations"]
-    changes = _DRIVEN["readings"]
-    populations = ((name, {"population": name}, d) for name in names for d in DRIVERS)
-    variants = ((options_name(change), change, d) for change in changes for d in REWARD_DRIVERS)
     fewer = min(config.reading_episodes, config.episodes)
-    outcomes = [
-        {"population": name, "driver": driver} | outcome_row(episodes)
-        for name, driver, episodes in driven("outcomes", populations, config.episodes)
+    return [
+        Job(f"outcomes/{name}", outcomes, Part(config, name), cost=float(config.episodes))
+        for name in _DRIVEN["populations"]
+    ] + [
+        Job(f"readings/{options_name(change)}", readings, Part(config, change), cost=float(fewer))
+        for change in _DRIVEN["readings"]
     ]
-    readings = [
-        {"reading": name, "driver": driver} | reward_row(episodes)
-        for name, driver, episodes in driven("readings", variants, fewer)
+
+
+@keeps_rows
+def outcomes(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Drive every driver in a population."""
+    config = part.study
+    seeds = range(config.seeds[0], config.seeds[0] + config.episodes)
+    how = seeds, config.threads, config.back_end
+    rows = [
+        {"population": part.of, "driver": driver}
+        | outcome_row(drive({"population": part.of}, driver, *how))
+        for driver in tracked(DRIVERS, on_stage, part.of, "drivers")
     ]
+    return {"outcomes": rows}
+
+
+@keeps_rows
+def readings(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Compute the rewards of every driver by an interpretation, which is changed options."""
+    config = part.study
+    name = options_name(part.of)
+    count = min(config.reading_episodes, config.episodes)
+    how = range(config.seeds[0], config.seeds[0] + count), config.threads, config.back_end
+    rows = [
+        {"reading": name, "driver": driver} | reward_row(drive(part.of, driver, *how))
+        for driver in tracked(REWARD_DRIVERS, on_stage, name, "drivers")
+    ]
+    return {"readings": rows}
+
+
+def compute_tables(config: Any, context: Context) -> Findings:
+    """Return what the jobs have kept, and the summary.
+
+    Args:
+        config: Configuration of the study.
+        context: The finished jobs.
+
+    Returns:
+        Tables `outcomes` and `readings`, and the summary.
+    """
+    tables = context.tables()
+    first = config.seeds[0]
     world = Intersection(Options())
     summary = {
-        "outcomes": nested(outcomes, "population", "driver"),
-        "default_reading": nested(readings, "reading", "driver")["default"],
+        "outcomes": nested(tables["outcomes"], "population", "driver"),
+        "default_reading": nested(tables["readings"], "reading", "driver")["default"],
         "options": dataclasses.asdict(Options()),
         "features": world.n_features,
         "actions": world.n_actions,
         "start": start_row(first, config.reading_episodes, config.threads),
     }
-    return Findings({"outcomes": outcomes, "readings": readings}, summary)
+    return Findings(tables, summary)
 
 
 def drive(

@@ -5,6 +5,7 @@ Every policy is declared by the defaults of one angle. A verdict across scenario
 """
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -22,6 +23,7 @@ from socialiq.types import Policy, Row
 from socialiq.worlds.highway.options import FEATURES
 from socialiq.worlds.registry import make
 from socialiq_lab.audit_arena import AuditArena, course_of
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings, tracked
 
 WORLD = "intersection"
@@ -71,13 +73,24 @@ def policies(config: Any) -> Iterator[tuple[str, Policy]]:
         yield rule, world.driver(rule)
 
 
-def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each scenario."""
+    return [Job(f"audits/{name}", audits, Part(config, name)) for name in config.scenarios]
+
+
+@keeps_rows
+def audits(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Audit every policy in a scenario."""
+    return {"audits": list(audit_rows(part.study, part.of, on_stage))}
+
+
+def audit_rows(config: Any, scenario: str, on_stage: StageCallback) -> Iterator[Row]:
     """Yield verdict and effects of every policy in a scenario, all on the same episodes.
 
     Args:
         config: Configuration of the study.
         scenario: Name of the scenario, from `SCENARIOS`.
-        context: Progress callback; the study has no jobs.
+        on_stage: Returns the progress callback of a stage.
 
     Yields:
         A row for each policy; `extra` is its delay in metres beyond that of the honest one.
@@ -89,7 +102,7 @@ def audit_rows(config: Any, scenario: str, context: Context) -> Iterator[Row]:
     arena = AuditArena(course_of(*drawn, quantities), options, course_of(*drawn))
     stage = f"audits, {scenario}"
     honest = None
-    for name, policy in tracked(list(policies(config)), context.on_stage, stage, "policies"):
+    for name, policy in tracked(list(policies(config)), on_stage, stage, "policies"):
         verdict, outcomes = arena.audited(policy, config.declared, config.seed)
         row: Row = {
             "policy": name,
@@ -139,21 +152,21 @@ def across_rows(audits: list[Row], scenarios: list[str]) -> Iterator[Row]:
 
 
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Audit every policy in every scenario; find the worst that passes each, and all.
+    """Find the worst policy that passes each scenario, and all.
 
     Args:
         config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
+        context: The finished jobs.
 
     Returns:
         Tables `audits` and `across`, and the worst policy that passes as summary.
     """
     scenarios = list(config.scenarios)
-    audits = [row for name in scenarios for row in audit_rows(config, name, context)]
-    across = list(across_rows(audits, scenarios))
+    tables = context.tables()
+    across = list(across_rows(tables["audits"], scenarios))
     summary: dict[str, Any] = {}
     for what in (*scenarios, "across"):
         passing = [row for row in across if row[what] == "pass"]
         worst = max(passing, key=lambda row: row["extra"], default=None)
         summary[what] = {"passing": len(passing), "worst": worst}
-    return Findings({"audits": audits, "across": across}, summary)
+    return Findings(tables | {"across": across}, summary)

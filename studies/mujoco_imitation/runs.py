@@ -24,7 +24,7 @@ from socialiq.types import Policy
 from socialiq.worlds.environment import action_size, sizes
 from socialiq.worlds.wrapper import AbsorbingStates
 from socialiq_lab.comparison import Recipe, declared_recipes
-from socialiq_lab.declared import settings_of
+from socialiq_lab.declared_settings import settings_of
 from socialiq_lab.jobs import Inputs, ProgressCallback, callbacks_of
 from socialiq_lab.registry import declaration
 

@@ -6,6 +6,7 @@ alone the policies of seven angles are evaluated. The truth is exact: only the e
 
 import itertools
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from socialiq.mdp.horizon import horizon_optimum
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.registry import make_grid
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import labelled, matching, mean
 
@@ -80,23 +82,22 @@ class Scene(NamedTuple):
         return of
 
 
-def compute_tables(config: Any, context: Context) -> Findings:
-    """Evaluate every policy from every set of episodes, and exactly.
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each world and share of random actions."""
+    return [
+        Job(f"estimates/{world}, {explored:g}", estimates, Part(config, (world, explored)))
+        for world, explored in itertools.product(config.worlds, config.explored)
+    ]
 
-    Args:
-        config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
 
-    Returns:
-        Tables `estimates` and `pooled`.
-    """
-    sets = list(itertools.product(config.worlds, config.explored, config.seeds))
-    scenes = {world: Scene.of(world) for world in config.worlds}
+@keeps_rows
+def estimates(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Evaluate every policy from every set of episodes, and exactly."""
+    config = part.study
+    world, explored = part.of
+    scene = Scene.of(world)
     rows: list[Row] = []
-    for world, explored, seed in tracked(
-        sets, context.on_stage, "off-policy evaluation", "data sets"
-    ):
-        scene = scenes[world]
+    for seed in tracked(config.seeds, on_stage, "off-policy evaluation", "data sets"):
         logged = off_policy.Logged.of(scene.data(config.episodes_each, explored, seed))
         evaluator = off_policy.Evaluator(logged, config.resamples, seed)
         for angle in config.angles:
@@ -105,10 +106,25 @@ def compute_tables(config: Any, context: Context) -> Findings:
             evaluation = evaluator.evaluate(scene.chances(policy))
             label = {"world": world, "explored": explored, "seed": seed, "angle": angle}
             rows += _estimates(label, evaluation, truth)
+    return {"estimates": rows}
+
+
+def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
+    """Return what the jobs have kept, and the coverage of each estimator.
+
+    Args:
+        config: Configuration of the study.
+        context: The finished jobs.
+
+    Returns:
+        Tables `estimates` and `pooled`.
+    """
+    tables = context.tables()
     pooled = [
-        label | _pooled(group) for label, group in labelled(rows, "world", "explored", "estimator")
+        label | _pooled(group)
+        for label, group in labelled(tables["estimates"], "world", "explored", "estimator")
     ]
-    return Findings({"estimates": rows, "pooled": pooled}, {})
+    return Findings(tables | {"pooled": pooled}, {})
 
 
 def _estimates(label: Row, evaluation: off_policy.OffPolicy, truth: float) -> Iterator[Row]:

@@ -3,15 +3,17 @@
 import dataclasses
 import itertools
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from socialiq import Demonstrations, QPolicy, equal_trajectories
+from socialiq import Demonstrations, QPolicy, equal_trajectories, tabulate
 from socialiq.evaluation.exact import Ground, action_table
 from socialiq.evaluation.rollout import MODES, demonstrations_by_mode
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnConfig
 from socialiq.nn.q_network import network_of
@@ -19,10 +21,12 @@ from socialiq.plotting.style import COLORS, figure
 from socialiq.results_folder import Results
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.types import Row
+from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 from socialiq_lab.gridworld_runs import sequence, train_runs
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
-from socialiq_lab.study import Context, Findings, StageCallback
+from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import groups, labelled
 
 CHUNK = 1000  # updates between two evaluations of the greedy sequences
@@ -34,31 +38,42 @@ KEYS = ("target_kind", "next_value", "policy")
 _COLORS = {"W": ("#d9d9d9", "#333333"), "G": ("#2166ac", "white")}
 
 
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each variant of V(s') and target kind, "none" for the baseline."""
+    values = ("online", "target") if config.readings else ("online",)
+    kinds = "none", *(TARGET_KINDS if config.readings else ("running",))
+    return [
+        Job(f"training/{value}, {kind}", sequences, Part(config, (value, kind)))
+        for value, kind in itertools.product(values, kinds)
+    ]
+
+
+@keeps_rows
+def sequences(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Train a variant, and return its greedy action sequences."""
+    value, kind = part.of
+    ground = Ground.of("crossing5")
+    episodes = demonstrations_by_mode(ground.table, dict.fromkeys(MODES, 1), 0)
+    data = equal_trajectories(episodes, 1, 0)  # one for all seeds
+    static = dataclasses.replace(presets.POC, updates=part.study.updates, next_value=value)
+    if kind != "none":
+        static = dataclasses.replace(static, target_kind=kind)
+    return {"sequences": _train(ground, static, kind, part.study, data, on_stage)}
+
+
 def compute_tables(config: Any, context: Context) -> Findings:
-    """Train baseline and targets, and compare their greedy action sequences with the thesis'.
+    """Compare the greedy action sequences of baseline and targets with the thesis'.
 
     Args:
         config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
+        context: The finished jobs.
 
     Returns:
         Tables `experts`, `sequences`, `agreement` and `agreement_by_updates`, and the summary.
     """
-    ground = Ground.of("crossing5")
-    episodes = demonstrations_by_mode(ground.table, dict.fromkeys(MODES, 1), 0)
-    data = equal_trajectories(episodes, 1, 0)  # one for all seeds
-    preset = dataclasses.replace(presets.POC, updates=config.updates)
-    rows: list[Row] = []
-    for value in ("online", "target") if config.readings else ("online",):
-        static = dataclasses.replace(preset, next_value=value)
-        for kind in ("none", *(TARGET_KINDS if config.readings else ("running",))):
-            if kind != "none":
-                static = dataclasses.replace(static, target_kind=kind)
-            rows += _train(ground, static, kind, config, data, context.on_stage)
-    experts = {
-        mode: sequence(ground.table, expert_policy(ground.table, angle))
-        for mode, angle in MODES.items()
-    }
+    table = tabulate(make_grid("crossing5"))
+    rows = context.tables()["sequences"]
+    experts = {mode: sequence(table, expert_policy(table, angle)) for mode, angle in MODES.items()}
     tables = {
         "experts": [
             {"mode": mode, "angle": MODES[mode], "sequence": letters, "thesis": THESIS[mode]}
@@ -93,11 +108,9 @@ def _train(
     """Train the targets of a kind, or the baseline; return a row for each run."""
     numbers = presets.TABLE_C1_NUMBERS
     angles = MODES
-    stage = f"5x5 targets, {kind}, V(s') {static.next_value}"
     if kind == "none":
         static = presets.baseline(static)
         angles = {"baseline": numbers.angle}
-        stage = f"5x5 baseline, V(s') {static.next_value}"
     else:
         numbers = dataclasses.replace(numbers, strength=config.strength)
     cells = list(itertools.product(angles, config.seeds))
@@ -114,7 +127,8 @@ def _train(
         ]
         return {"equal": np.array(equal, np.float64)}
 
-    trained = train_runs(ground, static, runs, [data], on_stage(stage), CHUNK, monitor)
+    callbacks = Callbacks(on_stage(kind))
+    trained = train_runs(ground, static, runs, [data], callbacks, CHUNK, monitor)
     equal = trained.history.array("equal")
     rows = []
     for run, (mode, seed) in enumerate(cells):

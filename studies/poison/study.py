@@ -8,11 +8,11 @@ episode is dropped; a learner that reads no label has one training for honest an
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from socialiq import Demonstrations
 from socialiq.audit.profile.template import USUAL
 from socialiq.demonstrations.trust import consistency
 from socialiq.evaluation import malice
@@ -23,6 +23,7 @@ from socialiq.types import Row
 from socialiq_lab import comparison, comparison_runs
 from socialiq_lab.audit_arena import RESAMPLES
 from socialiq_lab.comparison_runs import Learner, Run, iq_learn, offline
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
 from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import column, groups, labelled, mean
@@ -74,52 +75,75 @@ def poisons(config: Any, world: str) -> list[Poison]:
     ]
 
 
-def learned(config: Any, world: str, ground: Any, context: Context) -> Iterator[Row]:
-    """Train every method on every contamination; yield the row of each set and angle.
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each world and method, and one for the checks of data.
+
+    Raises:
+        UserError: If a world is unknown.
+    """
+    comparison.check_names(config, worlds=PLACES)
+    methods = {GRID: config.methods, ROAD: config.road_methods}
+    trained = [
+        Job(f"{world}/{name}", table_rows, Part(config, (world, name)))
+        for world in config.worlds
+        for name in methods[world]
+    ]
+    checks = [Job("checks", table_rows, Part(config))] if GRID in config.worlds else []
+    return trained + checks
+
+
+@keeps_rows
+def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Train and audit a method on every contamination, or check the data."""
+    if not part.of:
+        return {"checks": list(check_rows(part.study, Grid(part.study), on_stage))}
+    world, name = part.of
+    return {"policies": list(learned(part.study, world, name, on_stage))}
+
+
+def learned(config: Any, world: str, name: str, on_stage: StageCallback) -> Iterator[Row]:
+    """Train a method on every contamination; yield the row of each set and angle.
 
     Args:
         config: Configuration of the study.
         world: `GRID` or `ROAD`.
-        ground: Place of that world, from `PLACES`.
-        context: Progress callback; the study has no jobs.
+        name: Name of the method, from `METHODS`.
+        on_stage: Returns the progress callback of a stage.
     """
-    recorded: dict[Poison, Demonstrations] = {}
+    ground = PLACES[world](config)
     wanted = poisons(config, world)
     angles = tuple[float, ...](config.angles)
-    for name in config.methods if world == GRID else config.road_methods:
-        method = METHODS[name]
-        reads = "rewards" in METHODS[name].told
-        sets = list(dict.fromkeys(poison.training(reads) for poison in wanted))
-        recorded |= {
-            poison: contaminated(ground, poison) for poison in sets if poison not in recorded
-        }
-        arena = ground.arena([recorded[poison] for poison in sets], context.on_stage(name))
-        served = method.served(angles)
-        setting = ground.settings.get(name, (method.settings or ((),))[0])
-        runs = [
-            Run(angle, poison.seed, number, setting)
-            for angle in served
-            for number, poison in enumerate(sets)
-        ]
-        rows: dict[tuple[Poison, float], Row] = {}
-        policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
-        trained = list(zip(runs, policies, strict=True))
-        for run, policy in tracked(trained, context.on_stage, f"{name}, audits", "policies"):
-            for angle in served[run.angle]:
-                measured = ground.measured(comparison_runs.turned(policy, angle), angle)
-                rows[sets[run.dataset], angle] = measured
-        for poison, angle in itertools.product(wanted, angles):
-            label = {"world": world, "method": name} | poison._asdict() | {"angle": angle}
-            yield label | rows[poison.training(reads), angle]
+    method = METHODS[name]
+    reads = "rewards" in METHODS[name].told
+    sets = list(dict.fromkeys(poison.training(reads) for poison in wanted))
+    recorded = [contaminated(ground, poison) for poison in sets]
+    arena = ground.arena(recorded, on_stage(name))
+    served = method.served(angles)
+    setting = ground.settings.get(name, (method.settings or ((),))[0])
+    runs = [
+        Run(angle, poison.seed, number, setting)
+        for angle in served
+        for number, poison in enumerate(sets)
+    ]
+    rows: dict[tuple[Poison, float], Row] = {}
+    policies = comparison_runs.trained(LEARNERS[method.learner], arena, method, runs)
+    trained = list(zip(runs, policies, strict=True))
+    for run, policy in tracked(trained, on_stage, f"{name}, audits", "policies"):
+        for angle in served[run.angle]:
+            measured = ground.measured(comparison_runs.turned(policy, angle), angle)
+            rows[sets[run.dataset], angle] = measured
+    for poison, angle in itertools.product(wanted, angles):
+        label = {"world": world, "method": name} | poison._asdict() | {"angle": angle}
+        yield label | rows[poison.training(reads), angle]
 
 
-def check_rows(config: Any, grid: Grid, context: Context) -> Iterator[Row]:
+def check_rows(config: Any, grid: Grid, on_stage: StageCallback) -> Iterator[Row]:
     """Yield the shares of episodes that `data trust` flags, without and with a reference.
 
     Args:
         config: Configuration of the study.
         grid: Place of the 7x7 world.
-        context: Progress callback; the study has no jobs.
+        on_stage: Returns the progress callback of a stage.
 
     Yields:
         A row for each attacker, share and basis, with the shares of honest and of bad episodes
@@ -129,7 +153,7 @@ def check_rows(config: Any, grid: Grid, context: Context) -> Iterator[Row]:
     pairs = itertools.product(ATTACKERS, config.shares)
     every = [(name, share) for name, share in pairs if share or name == "hater"]
     for (attacker, share), basis in tracked(
-        list(itertools.product(every, (None, reference))), context.on_stage, "checks", "settings"
+        list(itertools.product(every, (None, reference))), on_stage, "checks", "settings"
     ):
         rates = []
         for seed in config.check_seeds:
@@ -148,26 +172,20 @@ def check_rows(config: Any, grid: Grid, context: Context) -> Iterator[Row]:
         yield row | {"caught": caught.mean() if share else ""}
 
 
-def compute_tables(config: Any, context: Context) -> Findings:
-    """Train, evaluate, audit; find breakdown points and policies that pass.
+def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
+    """Find breakdown points and policies that pass.
 
     Args:
         config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
+        context: The finished jobs.
 
     Returns:
         Tables `policies`, `curves`, `breakdown`, `audits` and `checks`, and the summary.
-
-    Raises:
-        UserError: If a world is unknown.
     """
-    comparison.check_names(config, worlds=PLACES)
-    places = {world: PLACES[world](config) for world in config.worlds}
-    rows = [row for world in places for row in learned(config, world, places[world], context)]
-    curves, breakdown, audits = curves_of(rows)
-    checks = list(check_rows(config, places[GRID], context)) if GRID in places else []
-    tables = {"policies": rows, "curves": curves, "breakdown": breakdown, "audits": audits}
-    return Findings(tables | {"checks": checks}, _summary(curves, breakdown, audits))
+    tables = context.tables()
+    curves, breakdown, audits = curves_of(tables["policies"])
+    tables |= {"curves": curves, "breakdown": breakdown, "audits": audits}
+    return Findings(tables, _summary(curves, breakdown, audits))
 
 
 def curves_of(rows: Sequence[Row]) -> tuple[list[Row], list[Row], list[Row]]:

@@ -1,7 +1,8 @@
 """Statements and predictions of the theory against exact minima and trained networks."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from socialiq import score
 from socialiq.evaluation.exact import Ground
 from socialiq.evaluation.prediction import NEXT_VALUES, NextValue, Setting, lines_of, problem_of
-from socialiq.evaluation.rollout import trajectory_datasets
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.social.angle import exact_weights
 from socialiq.theory import response
@@ -17,6 +17,7 @@ from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
 from socialiq_lab.study import Context, Findings
 from socialiq_lab.tables import column, groups
 from studies.theory import statements, training
@@ -27,16 +28,27 @@ _PER_OCTAVE = 4
 _TIE = 1e-9  # λ of a flip that is a tie in the data
 
 
-def compute_tables(config: Any, context: Context) -> Findings:
-    """Solve the exact problems, train networks, and compare both with the theory.
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each training, and one for each table of exact problems."""
+    trained = [
+        Job(f"training/{value}, {kind}", table_rows, Part(config, (value, kind)), cost=5.0)
+        for value, kind in training.trainings(config)
+    ]
+    exact = [Job(f"exact/{name}", table_rows, Part(config, name)) for name in exact_tables(config)]
+    return trained + exact
 
-    Args:
-        config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
 
-    Returns:
-        All tables, and the largest errors, counts and lengths as summary.
-    """
+@keeps_rows
+def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Train networks, or solve the problems of a table."""
+    if isinstance(part.of, str):
+        return {part.of: exact_tables(part.study)[part.of]()}
+    next_value, kind = part.of
+    return {"trained": training.trained_rows(part.study, next_value, kind, on_stage)}
+
+
+def exact_tables(config: Any) -> dict[str, Callable[[], list[Row]]]:
+    """Return the functions that solve the exact problems of each table."""
     worlds = statements.gridworlds()
     seeds = range(config.random_worlds)
 
@@ -50,28 +62,37 @@ def compute_tables(config: Any, context: Context) -> Findings:
     chosen = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
     alternatives = {name: cases(name) for name in ("advantage", "own_advantage", "to_go")}
     seven = worlds["crossing7"]
-    ground = Ground.of("crossing7")
-    data = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
-    runs, firsts = training.trained_rows(ground, config, data, context.on_stage)
-    tables = {
-        "minima": statements.minimum_rows(every),
-        "rewards": statements.reward_rows(chosen),
-        "primal": statements.primal_rows(chosen),
-        "shaping": statements.shaping_rows(plain, alternatives),
-        "zero": statements.zero_rows([case for case in plain if case.angle == 0.0]),
-        "offline": statements.offline_rows(every),
-        "path": path_rows(chosen, (COLD, 0.1, 1.0)),
-        "slopes": slope_rows(every),
-        "flips": [row for way in NEXT_VALUES for row in flip_rows(every, way)],
-        "lengths": [
+    return {
+        "minima": lambda: statements.minimum_rows(every),
+        "rewards": lambda: statements.reward_rows(chosen),
+        "primal": lambda: statements.primal_rows(chosen),
+        "shaping": lambda: statements.shaping_rows(plain, alternatives),
+        "zero": lambda: statements.zero_rows([case for case in plain if case.angle == 0.0]),
+        "offline": lambda: statements.offline_rows(every),
+        "path": lambda: path_rows(chosen, (COLD, 0.1, 1.0)),
+        "slopes": lambda: slope_rows(every),
+        "flips": lambda: [row for way in NEXT_VALUES for row in flip_rows(every, way)],
+        "lengths": lambda: [
             row
             for temperature in (1.0, COLD)
             for row in length_rows(seven, config.angles, config.lengths, temperature)
         ],
-        "predicted": training.predicted_rows(ground, config.target_kinds),
-        "trained": runs,
-        "first_flips": firsts,
+        "predicted": lambda: training.predicted_rows(Ground.of("crossing7"), config.target_kinds),
     }
+
+
+def compute_tables(config: Any, context: Context) -> Findings:
+    """Compare exact problems and trained networks with the theory.
+
+    Args:
+        config: Configuration of the study.
+        context: The finished jobs.
+
+    Returns:
+        All tables, and the largest errors, counts and lengths as summary.
+    """
+    tables = context.tables()
+    tables["first_flips"] = training.flips_of(tables["trained"])
     return Findings(tables, _summary(tables, len(config.seeds)))
 
 

@@ -1,7 +1,8 @@
 """Trained networks against their predictions, and how many predictions hold."""
 
 import dataclasses
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from socialiq.evaluation.prediction import (
     problem_of,
     target_norm,
 )
+from socialiq.evaluation.rollout import trajectory_datasets
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import config as presets
 from socialiq.learners.iq_learn.config import IQLearnHyperparameters
 from socialiq.mdp.solve import evaluate_policy
@@ -26,7 +29,7 @@ from socialiq.theory.response import QSolver, first_flip
 from socialiq.theory.semi_gradient import equilibrium
 from socialiq.types import Row
 from socialiq_lab.gridworld_runs import evaluate, train_runs
-from socialiq_lab.study import StageCallback
+from socialiq_lab.jobs import StageCallback
 from socialiq_lab.tables import column, groups, matching, mean
 
 ANGLE = 0.0
@@ -95,25 +98,15 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
     return predictions
 
 
-def trained_rows(
-    ground: Ground, config: Any, datasets: Sequence[Demonstrations], on_stage: StageCallback
-) -> tuple[list[Row], list[Row]]:
-    """Train every gradient and target; return a row for each run and for each seed's flip.
+def trainings(config: Any) -> Iterator[tuple[NextValue, str]]:
+    """Yield every gradient and target of the configuration that is trained."""
+    for next_value, kind in itertools.product(NEXT_VALUES, config.target_kinds):
+        if (next_value, kind) != ("online", "advantage"):
+            yield next_value, kind
 
-    Args:
-        ground: Gridworld of the networks.
-        config: Configuration of the study.
-        datasets: Demonstrations of each seed.
-        on_stage: Returns the progress callback of a stage.
 
-    Returns:
-        Rows of runs, and rows of flips by gradient, target and seed.
-    """
-    runs: list[Row] = []
-    for next_value in NEXT_VALUES:
-        for kind in config.target_kinds:
-            if (next_value, kind) != ("online", "advantage"):
-                runs += _runs(ground, config, datasets, on_stage, next_value, kind)
+def flips_of(runs: Sequence[Row]) -> list[Row]:
+    """Return a row for each gradient, target and seed: the least λ with other choices."""
     flips = []
     for (next_value, kind, seed), rows in groups(runs, "next_value", "target_kind", "seed").items():
         baseline = next(row["choices"] for row in rows if row["prior_weight"] == 0.0)
@@ -130,18 +123,25 @@ def trained_rows(
                 "zero_leaves": int(first == 0),
             }
         )
-    return runs, flips
+    return flips
 
 
-def _runs(
-    ground: Ground,
-    config: Any,
-    datasets: Sequence[Demonstrations],
-    on_stage: StageCallback,
-    next_value: NextValue,
-    kind: str,
+def trained_rows(
+    config: Any, next_value: NextValue, kind: str, on_stage: StageCallback
 ) -> list[Row]:
-    """Train the baseline, λ = 0 and the grid, for every seed."""
+    """Train the baseline, λ = 0 and the grid, for every seed.
+
+    Args:
+        config: Configuration of the study.
+        next_value: Network that gives V(s'), "online" or "target".
+        kind: Target of the networks' prior, from `TARGETS`.
+        on_stage: Returns the progress callback of a stage.
+
+    Returns:
+        A row for each run.
+    """
+    ground = Ground.of("crossing7")
+    datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     problem = rows_problem(ground, kind)
     strengths = [0.0, *(unit / target_norm(problem) for unit in config.units)]
     static = dataclasses.replace(
@@ -155,8 +155,7 @@ def _runs(
         numbers += [dataclasses.replace(run, strength=strength) for strength in strengths]
     if kind == "advantage":
         datasets = [shaped_by_value(ground, problem, data) for data in datasets]
-    report = on_stage(f"7x7, {kind} target, V(s') {next_value}")
-    trained = train_runs(ground, static, numbers, datasets, report)
+    trained = train_runs(ground, static, numbers, datasets, Callbacks(on_stage(kind)))
     choices = np.flatnonzero(problem.support.sum(axis=1) > 1)
     rows = []
     for number, run in enumerate(numbers):

@@ -5,6 +5,7 @@ The score is that of `socialiq unlikeness`, compared with the disagreement of se
 
 import dataclasses
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ from socialiq.statistics.intervals import normal_mean
 from socialiq.storage import packaged_results
 from socialiq.types import Row
 from socialiq.worlds.intersection.world import Intersection
-from socialiq_lab.study import Context, Findings, tracked
+from socialiq_lab.jobs import Job, Part, StageCallback, keeps_rows
+from socialiq_lab.study import tracked
 
 STOP = "wait"
 CHANCE = "stops by chance"
@@ -101,40 +103,39 @@ def fallback_rows(config: Any, dial: DialPolicy, policy: QPolicy, *cell: Any) ->
                 yield {"fallback": CHANCE, "rate": rate} | driven(cell[0], watched, *cell[1:])
 
 
-def compute_tables(config: Any, context: Context) -> Findings:
-    """Fit the score at each angle, compare both by shift, and drive with each fallback.
+def jobs(config: Any) -> list[Job]:
+    """Return a job for each angle."""
+    return [Job(f"shifts/{angle:g}", of_angle, Part(config, angle)) for angle in config.angles]
 
-    Args:
-        config: Configuration of the study.
-        context: Progress callback; the study has no jobs.
 
-    Returns:
-        Tables `separation` and `fallback`.
-    """
+@keeps_rows
+def of_angle(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Fit the score at an angle, compare both by shift, and drive with each fallback."""
+    config = part.study
+    angle = part.of
     dials = [DialPolicy.load(packaged_results() / name) for name in config.dials]
     blocks = np.array(config.blocks)[:, None] + np.arange(config.episodes)
     separation = list[Row]()
     fallback = list[Row]()
-    for angle in config.angles:
-        members = [dial.at(angle) for dial in dials]
-        plain = Intersection().batch(config.episodes)
-        fit, known = (observations_of(plain, members[0], block) for block in blocks[:2])
-        density = Unlikeness.fit(members[0].features(fit), members[0].features(known))
-        policy = dataclasses.replace(members[0], unlikeness=density)
-        usual = scores_of(policy, members, known)
-        for shift in tracked(config.shifts, context.on_stage, f"{angle:g} degrees", "shifts"):
-            batch = Intersection().shifted(shift).batch(config.episodes)
-            label = Row(shift=shift)
-            label |= {"angle": angle}
-            row = dict(label)
-            rows = observations_of(batch, policy, blocks[2])
-            for name, distance in scores_of(policy, members, rows).items():
-                area = mannwhitneyu(distance, usual[name]).statistic
-                threshold = np.quantile(usual[name], 1.0 - USUAL_RATE, method="higher")
-                row |= {f"{name}_area": float(area / len(distance) / len(usual[name]))}
-                row |= {f"{name}_share": float((distance > threshold).mean())}
-            separation.append(row)
-            if shift in config.fallback_shifts:
-                rows = fallback_rows(config, dials[0], policy, shift, angle, blocks[2])
-                fallback += [label | row for row in rows]
-    return Findings({"separation": separation, "fallback": fallback}, {})
+    members = [dial.at(angle) for dial in dials]
+    plain = Intersection().batch(config.episodes)
+    fit, known = (observations_of(plain, members[0], block) for block in blocks[:2])
+    density = Unlikeness.fit(members[0].features(fit), members[0].features(known))
+    policy = dataclasses.replace(members[0], unlikeness=density)
+    usual = scores_of(policy, members, known)
+    for shift in tracked(config.shifts, on_stage, f"{angle:g} degrees", "shifts"):
+        batch = Intersection().shifted(shift).batch(config.episodes)
+        label = Row(shift=shift)
+        label |= {"angle": angle}
+        row = dict(label)
+        rows = observations_of(batch, policy, blocks[2])
+        for name, distance in scores_of(policy, members, rows).items():
+            area = mannwhitneyu(distance, usual[name]).statistic
+            threshold = np.quantile(usual[name], 1.0 - USUAL_RATE, method="higher")
+            row |= {f"{name}_area": float(area / len(distance) / len(usual[name]))}
+            row |= {f"{name}_share": float((distance > threshold).mean())}
+        separation.append(row)
+        if shift in config.fallback_shifts:
+            rows = fallback_rows(config, dials[0], policy, shift, angle, blocks[2])
+            fallback += [label | row for row in rows]
+    return {"separation": separation, "fallback": fallback}

@@ -74,8 +74,6 @@ def refused(capsys, *arguments):
         (["reproduce", "poc", "--set", "readings=2"], "unknown readings '2': choose one of true"),
         (["reproduce", "poc", "--preset", "small"], "unknown preset 'small': choose one of tiny"),
         (["reproduce", "audits", "--seeds", "3"], "there is no setting seeds: choose one of epi"),
-        (["reproduce", "poc", "--processes", "2"], "poc has no jobs: leave out --processes"),
-        (["reproduce", "poc", "--work", "x"], "poc keeps no work folder: leave out --work"),
         (["reproduce", "intersection-world", "--set", "back_end=x"], "choose one of core, highway"),
         (["reproduce", "intersection-world", "--set", "episodes=0"], "at least 1, got 0"),
         (["conformance", "--seed", "-1"], "seed must be at least 0"),

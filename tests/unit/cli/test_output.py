@@ -7,7 +7,7 @@ from rich.console import Console
 
 from socialiq.cli import output
 from socialiq.cli.output import Display, fitted, rate_of
-from socialiq.learners.callbacks import Report
+from socialiq.learners.callbacks import PARTS, Report
 
 REPORT = Report(
     done=12_000,
@@ -80,6 +80,24 @@ def test_a_quiet_display_says_nothing(capsys):
 def test_rates_keep_their_own_unit_of_time():
     jobs = REPORT._replace(rate=2.54, unit="jobs/min")
     assert (rate_of(jobs), rate_of(jobs, with_unit=False)) == ("2.5 jobs/min", "2.5/min")
+
+
+def test_a_whole_run_counts_its_parts_and_the_time_that_is_left(capsys, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(output, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    parts = REPORT._replace(done=2, total=7, seconds_left=360.0, terms={}, monitored={}, unit=PARTS)
+    log = Console(width=80, file=io.StringIO())
+    terminal = Console(width=80, file=io.StringIO(), force_terminal=True)
+    for console in (log, terminal):
+        with Display(console=console) as display:
+            show = display.stage("whole run")
+            show(parts)
+            display.progress.refresh()
+            now[0] += 20.0
+            show(parts._replace(done=7, seconds_left=0.0))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["whole run: part 3 of 7, about 6 min left", "whole run: all 7 parts"]
+    assert "part 3 of 7  about 6 min left" in terminal.file.getvalue()
 
 
 def test_what_does_not_fit_is_left_out_whole():

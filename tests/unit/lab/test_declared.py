@@ -6,14 +6,16 @@ import tomllib
 from types import SimpleNamespace
 
 import pytest
-from socialiq_lab.figures import draw
 
 from socialiq.errors import UserError
 from socialiq.learners.dial.config import INTERSECTION
+from socialiq.plotting.figures import draw
 from socialiq.results_folder import Results
 from socialiq.settings import assignments, changed
 from socialiq_lab import registry
-from socialiq_lab.declared import KEYS, KINDS, config_class, declared_study, resolved, variants
+from socialiq_lab.declared import KEYS, KINDS, declared_study
+from socialiq_lab.declared_settings import config_class, resolved, variants
+from socialiq_lab.jobs import fingerprints
 from socialiq_lab.study import Context, Findings, silent
 from socialiq_lab.tables import derived, paired_table, where
 
@@ -171,7 +173,33 @@ def test_runs_are_multiplied_out_the_last_axis_varying_fastest_and_reciprocals_a
 
 TRAIN = {"rows": "policies", "stage": "training", "label": {}, "preset": "grid"}
 TRAIN |= {"data": {"trajectories": 2}}
+PAIRED = {"name": "a", "from": "policies"}
+BY = {"by": "readout", "reference": "greedy", "columns": ["regret"]}
 FIGURE = {"name": "a", "table": "policies", "x": "angle", "y": "regret"}
+
+
+def test_what_fits_is_a_job_for_each_training_of_a_fingerprint_of_its_own(content):
+    content["defaults"] |= {"label": {}, "preset": "grid"}
+    for train in content["train"]:
+        train["data"] = {"trajectories": 2}
+    content["train"][2]["learner"] = "behaviour_cloning"
+    study = declared_study("a-study", content)
+    jobs = study.jobs(study.Config())
+    names = [job.name for job in jobs]
+    assert names == ["baseline, running/0", "running/1", "to_go/2", "clones/3"]
+    known = fingerprints(jobs)
+    assert len({*known.values()}) == 4
+    other = fingerprints(study.jobs(study.Config(strengths=(0.5, 3.0))))
+    assert [name for name in names if other[name] != known[name]] == ["running/1", "to_go/2"]
+
+
+@pytest.mark.parametrize("stage", ["..", "../../out", "a/b", "C:\\a"])
+def test_the_text_of_a_stage_names_no_other_folder(stage):
+    content = {"world": "crossing5", "config": {"seeds": [0]}, "train": [TRAIN | {"stage": stage}]}
+    study = declared_study("a-study", content)
+    (job,) = study.jobs(study.Config())
+    parts = pathlib.PurePosixPath(job.name).parts
+    assert len(parts) == 2 and parts[0].strip(" ") in ("", "out", "a b", "C  a")
 
 
 @pytest.mark.parametrize(
@@ -214,21 +242,63 @@ FIGURE = {"name": "a", "table": "policies", "x": "angle", "y": "regret"}
         ({"figure": [{"name": "a", "table": "policies"}]}, "give each figure x and y"),
         ({"view": [{"columns": ["angle"]}]}, "give each view table"),
         ({"view": [{"table": "$rows"}]}, "rows is no setting of the table config"),
+        ({"view": [{"table": "policy"}]}, "unknown table 'policy': choose one of policies"),
+        (
+            {"view": [{"table": "policies", "columns": ["angle", "regrett"]}]},
+            "unknown column 'regrett': choose one of readout, seed, target_angle, regret, r_env",
+        ),
+        (
+            {"view": [{"table": "policies", "pivot": ["seed", "readout", "regrett"]}]},
+            "unknown column 'regrett': choose one of",
+        ),
+        ({"view": [{"table": "policies", "where": {"sed": 0}}]}, "unknown column 'sed': choose"),
+        (
+            {"table": [{"name": "a", "from": "policies", "pool": ["sed"]}]},
+            "unknown column 'sed': choose one of readout, seed",
+        ),
+        ({"table": [{"name": "a", "from": "policies", "mean": ["sed"]}]}, "unknown column 'sed'"),
+        ({"table": [PAIRED | {"paired": BY | {"by": "sed"}}]}, "unknown column 'sed'"),
+        (
+            {"table": [PAIRED | {"paired": BY | {"reference": "gready"}}]},
+            "unknown readout 'gready': choose one of greedy, soft",
+        ),
+        ({"summary": {"from": "policies", "nest": ["sed"]}}, "unknown column 'sed': choose"),
+        (
+            {"summary": {"from": "policies", "nest": ["%(sed)s"]}},
+            "unknown column 'sed': choose one of",
+        ),
+        (
+            {"summary": {"from": "policies", "nest": ["seed"], "keep": ["regrett"]}},
+            "unknown column 'regrett': choose one of",
+        ),
+        ({"figure": [FIGURE | {"x": "angel"}]}, "unknown column 'angel': choose one of"),
+        ({"figure": [FIGURE | {"y": ["regret", "regrett"]}]}, "unknown column 'regrett': choose"),
+        ({"figure": [FIGURE | {"lines": "sed"}]}, "unknown column 'sed': choose one of"),
+        ({"figure": [FIGURE | {"panels": "sed"}]}, "unknown column 'sed': choose one of"),
+        ({"figure": [FIGURE | {"table": "policy"}]}, "unknown table 'policy': choose one of"),
+        ({"figure": [FIGURE | {"xscale": "logg"}]}, "STUDY.toml raised ValueError: 'logg' is not"),
+        (
+            {"train": [TRAIN | {"label": {"at": "@angel"}}]},
+            "unknown number of the runs 'angel': choose one of",
+        ),
+        (
+            {"train": [TRAIN | {"static": {"update": 3}}]},
+            "there is no setting update: choose one of",
+        ),
+        ({"tabel": [{}]}, "unknown key of STUDY.toml 'tabel': choose one of title, "),
     ],
 )
 def test_what_the_grammar_lacks_is_refused_before_anything_is_trained(changes, line):
     content = {"world": "crossing5", "config": {"seeds": [0]}, "train": [TRAIN]} | changes
     study = declared_study("a-study", content)
-    stages = []
     with pytest.raises(UserError, match=line):
-        study.tables(study.Config(), Context((), pathlib.Path(), stages.append))
-    assert len(stages) <= 1  # the program of a training may begin, and no more
+        study.jobs(study.Config())
 
 
 def test_a_declaration_without_a_world_and_a_condition_without_a_column_are_refused():
     study = declared_study("a-study", {"config": {"seeds": [0]}, "train": [TRAIN]})
     with pytest.raises(UserError, match="name its world, or compute its tables"):
-        study.tables(study.Config(), Context((), pathlib.Path(), silent))
+        study.jobs(study.Config())
     with pytest.raises(UserError, match="unknown column 'methods': choose one of method, str"):
         where(ROWS, {"methods": "ours"})
     assert where([], {"methods": "ours"}) == []

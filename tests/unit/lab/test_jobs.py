@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Report
+from socialiq.learners.callbacks import PARTS, Report
 from socialiq_lab import jobs as jobs_module
 from socialiq_lab.jobs import (
+    WHOLE,
     Job,
     Progress,
     callbacks_of,
@@ -193,6 +194,12 @@ def test_progress_by_hand(monkeypatch):
     progress.update("s/a", 1.0)
     progress.begin("t/a")
     progress.update("t/a", 1.0)
+    whole = [(report.done, report.total, report.unit) for s, report in reports if s == WHOLE]
+    assert whole == [(0, 3, PARTS), (1, 3, PARTS), (2, 3, PARTS)]
+    # Costs of 5 in all: 1 of them takes 10 s, the second no time.
+    left = [report.seconds_left for s, report in reports if s == WHOLE]
+    assert left == pytest.approx([45.0, 40.0, 15.0])
+    reports = [report for report in reports if report[0] != WHOLE]
     stage, report = reports[1]
     assert (stage, report.done, report.total, report.unit) == ("s", 1, 2, "jobs/min")
     assert (report.rate, report.seconds_left) == pytest.approx((3.0, 30.0))
@@ -219,7 +226,7 @@ def test_nobody_need_watch():
     progress = Progress([A], [A], stages.append)  # which returns no callback
     progress.begin("a")
     progress.update("a", 1.0)
-    assert stages == [A.stage]
+    assert stages == [WHOLE, A.stage]
 
 
 def test_a_training_is_a_share_of_its_job_and_resumes_from_the_file_that_is_there(tmp_path):

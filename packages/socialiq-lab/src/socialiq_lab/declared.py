@@ -9,32 +9,33 @@ Elsewhere "$name" is the value of a setting, "$name.0" its first item, "{name}" 
 
 What has no grammar is a function in `study.py` of the same folder, named with "python": a prior,
 rows of a table, a summary, a figure or a view. `check` there refuses settings that don't fit
-together; `jobs` or `compute_tables` takes the place of `[[train]]`.
+together; `jobs` or `compute_tables` takes the place of `[[train]]`; without the latter the tables
+are what the jobs have kept.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import itertools
-import operator
+import functools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialiq.errors import UserError, one_of
-from socialiq.settings import changed
+from socialiq.foreign import FAILURES, failure
+from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq_lab import tables as table_operations
+from socialiq_lab.declared_settings import config_class, resolved, variants
+from socialiq_lab.jobs import Job
 from socialiq_lab.study import Context, Findings, Study, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from socialiq import Demonstrations
-    from socialiq.results_folder import Results
-    from socialiq_lab.gridworld_runs import Learned
+    from socialiq_lab.gridworld_runs import Learned, Training
 
 KEYS: dict[str, tuple[str, str]] = {
     "train": (
@@ -52,6 +53,8 @@ KEYS: dict[str, tuple[str, str]] = {
     "view": ("table", "where columns title pivot python"),
 }
 """Keys of each table: what it needs unless a function takes its place, and what it may have."""
+
+_OTHERS = ("title", "of_the_thesis", "world", "counts", "config", "tiny", "defaults")
 
 LEARNERS = ("iq_learn", "behaviour_cloning")
 DATA = ("trajectories", "transitions")
@@ -86,161 +89,156 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
         name,
         config_class(name, content, getattr(module, "check", None)),
         lambda config, context: _compute(content, module, config, context),
-        lambda results: _figures(content, module, results),
-        lambda results: _views(content, module, results),
-        getattr(module, "jobs", None),
+        lambda results: _figures(_of(results, content, "figure"), module, results),
+        lambda results: _views(_of(results, content, "view"), module, results),
+        lambda config: _jobs(content, module, config),
         getattr(module, "more_jobs", None),
     )
 
 
-def config_class(
-    name: str, content: Mapping[str, Any], check: Callable[[Any], None] | None = None
-) -> type[Any]:
-    """Return a frozen dataclass of the settings that a STUDY.toml declares.
+class _Plan(NamedTuple):
+    """What a declaration says to do, its settings filled in."""
 
-    Args:
-        name: Name of the study.
-        content: Content of the STUDY.toml.
-        check: Refuses values that don't fit together, after those of `counts` are checked.
+    trainings: list[Training]
+    tables: list[dict[str, Any]]
+    summaries: dict[str, dict[str, Any]]  # parts of the summary by name; "" for the whole
+    figures: list[dict[str, Any]]
+    views: list[dict[str, Any]]
 
-    Raises:
-        UserError: If `[config]` is missing, or the type of a value can't be told.
-    """
-    if not isinstance(content.get("config"), Mapping):
-        raise UserError(f"{name}: STUDY.toml has no table config: give the settings' defaults")
-    fields = []
-    for key, value in content["config"].items():
-        if isinstance(value, str) and value.startswith("$"):
-            value = list(content.get(value[1:], ()))
-        if isinstance(value, Mapping) and "of" in value:
-            value = settings_of(f"{name}: {key}", **value)
-        if isinstance(value, list):
-            if not value or len({type(item) for item in value}) > 1:
-                raise UserError(f"{name}: {key} must be a list of equal types, and not empty")
-            fields.append((key, tuple[type(value[0]), ...], tuple(value)))
-        elif value == {}:  # values by name, which the study's `check` refuses or takes
-            fields.append((key, dict, dataclasses.field(default_factory=dict)))
-        elif isinstance(value, bool | int | float | str) or dataclasses.is_dataclass(value):
-            fields.append((key, type(value), value))
-        else:
-            raise UserError(f"{name}: {key} must be a number, a text, true, false or a list")
+    @staticmethod
+    def of(content: Mapping[str, Any], module: Any, config: Any) -> _Plan:
+        """Return the plan, after what the grammar or `study.py` lacks is refused."""
+        from socialiq.learners.kernel import described
+        from socialiq_lab.gridworld_runs import Training
 
-    counts = content.get("counts", ())
+        trained = variants(content, config)
+        tables, summary, figures, views = (
+            resolved(content.get(name, empty), config)
+            for name, empty in (("table", []), ("summary", {}), ("figure", []), ("view", []))
+        )
+        parts = {"": summary} if {"from", "python"} & summary.keys() else summary
+        if not _computes(module) and "world" not in content:
+            raise UserError(
+                "STUDY.toml: name its world, or compute its tables in study.py beside it"
+            )
+        _check([trained, tables, list(parts.values()), figures, views], module)
+        world = resolved(content.get("world", ""), config)
+        priors = (getattr(module, training.get("prior", ""), None) for training in trained)
+        trainings = [
+            Training(world, config.seeds, training, described(prior) if prior else {})
+            for training, prior in zip(trained, priors, strict=True)
+        ]
+        return _Plan(trainings, tables, parts, figures, views)
 
-    def refuse(config: Any) -> None:
-        from socialiq.learners.settings import check_counts
+    def derive(self, state: State, module: Any, summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Add the tables that follow from those of the state; return the summary.
 
-        lists = [name for name in counts if isinstance(getattr(config, name), tuple)]
-        for name in lists:
-            if not getattr(config, name):
-                raise UserError(f"{name} must name at least one")
-        check_counts(config, [name for name in counts if name not in lists])
-        if check is not None:
-            check(config)
+        Without a module what has no grammar is left out, and what follows from it.
+        """
+        names = [*state.tables]
+        for table in [*self.tables, *self.summaries.values()]:
+            if "python" not in table:
+                one_of("table", table["from"], names)
+            names.append(table.get("name", ""))
+        for table in self.tables:
+            if "python" in table and module:
+                rows = getattr(module, table["python"])(state)
+            elif table.get("from") in state.tables:
+                rows = table_operations.derived(table, state.tables, state.ground)
+            else:
+                continue
+            state.tables |= table_operations.checked_rows({table["name"]: rows})
+        results = dict(summary)
+        for name, part in self.summaries.items():
+            if "python" in part:
+                entries = getattr(module, part["python"])(state) if module else {}
+            else:
+                rows = state.tables.get(part["from"], [])
+                rows = table_operations.where(rows, part.get("where", {}))
+                entries = table_operations.nested(rows, *part["nest"], keep=part.get("keep"))
+            results |= {name: entries} if name else entries
+        return results
 
-    namespace = {"__post_init__": refuse}
-    return dataclasses.make_dataclass("Config", fields, frozen=True, namespace=namespace)
+    def rehearse(self, config: Any) -> None:
+        """Derive, draw and print everything from invented rows, before anything is trained.
 
-
-def settings_of(name: str, of: str, **changes: Any) -> Any:
-    """Return a dataclass of this project, or an instance, with other values.
-
-    Args:
-        name: Name of the value, for messages.
-        of: MODULE:NAME of the dataclass or the instance.
-        **changes: Values of its fields.
-
-    Raises:
-        UserError: If there is none of that name.
-    """
-    module, _, path = of.partition(":")
-    if module.split(".")[0] not in ("socialiq", "socialiq_lab", "socialiq_recordings"):
-        raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
-    try:
-        base = operator.attrgetter(path)(importlib.import_module(module))
-    except (ImportError, AttributeError) as error:
-        raise UserError(f"{name} must be a dataclass of socialiq, got {of}: {error}") from error
-    if not dataclasses.is_dataclass(base):
-        raise UserError(f"{name} must be a dataclass of socialiq, got {of}")
-    if isinstance(base, type):
-        fields = dataclasses.fields(base)
-        needed = [field.name for field in fields if field.default is field.default_factory]
-        base = base(**{key: changes[key] for key in needed})  # they have neither: both are MISSING
-    return changed(base, changes)
-
-
-def resolved(value: Any, config: Any) -> Any:
-    """Return a value of a declaration with every "$name" replaced by that setting's value.
-
-    Raises:
-        UserError: If there is no such setting.
-    """
-    if isinstance(value, Mapping):
-        return {key: resolved(item, config) for key, item in value.items()}
-    if isinstance(value, list):
-        return [resolved(item, config) for item in value]
-    if not isinstance(value, str):
-        return value
-    if value.startswith("$"):
-        return _setting(config, value[1:])
-    return _IN_TEXT.sub(lambda match: str(_setting(config, match.group(1))), value)
+        Raises:
+            UserError: If a table, a column or another value is wrong.
+        """
+        ground = SimpleNamespace(optimum=SimpleNamespace(regret=lambda *_: 0.5))
+        state = State(config, ground)
+        for training in self.trainings:
+            rows = state.tables.setdefault(training.declared["rows"], [])
+            rows += training.invented()
+        state.tables = table_operations.checked_rows(state.tables)
+        names = [*state.tables, *(table["name"] for table in self.tables)]
+        for entry in [*self.figures, *self.views]:
+            layers = [] if {"python", "rows"} & entry.keys() else entry.get("layers", [{}])
+            for layer in layers:
+                one_of("table", layer.get("table", entry.get("table", entry.get("name"))), names)
+        try:
+            summary = self.derive(state, None, {})
+            results = Results("", dataclasses.asdict(config), state.tables, summary, {})
+            _views(self.views, None, results)
+            _figures(self.figures, None, results)
+        except UserError as error:
+            raise UserError(f"STUDY.toml: {error}") from error
+        except FAILURES as error:
+            raise failure("STUDY.toml", error) from error
 
 
-_IN_TEXT = re.compile(r"\{([a-z_]+(?:\.\d+)?)\}")
+def _computes(module: Any) -> bool:
+    """Whether `study.py` takes the place of `[[train]]`."""
+    return hasattr(module, "jobs") or hasattr(module, "compute_tables")
 
 
-def _setting(config: Any, name: str) -> Any:
-    setting, _, index = name.partition(".")
-    if not hasattr(config, setting):
-        raise UserError(f"STUDY.toml: {name} is no setting of the table config")
-    value = getattr(config, setting)
-    return value[int(index)] if index else value
+def _jobs(content: Mapping[str, Any], module: Any, config: Any) -> Sequence[Job]:
+    """Refuse what can't be computed or drawn; return the jobs of `study.py`, or one a training."""
+    for key in content if module is None else ():
+        one_of("key of STUDY.toml", key, _OTHERS + tuple(KEYS))
+    plan = _Plan.of(content, module, config)
+    if _computes(module):
+        own = getattr(module, "jobs", None)
+        return own(config) if own else []
+    from socialiq_lab.gridworld_runs import train_declared
+
+    plan.rehearse(config)
+    jobs = []
+    for number, training in enumerate(plan.trainings):
+        prior = getattr(module, training.declared.get("prior", ""), None)
+        stage = _NO_NAME.sub(" ", training.declared["stage"])
+        work = functools.partial(train_declared, prior=prior)
+        jobs.append(Job(f"{stage}/{number}", work, training, cost=float(len(training.runs()))))
+    return jobs
+
+
+_NO_NAME = re.compile(r"[^\w ,'()-]")
+"""Characters that the name of a folder may lack."""
 
 
 def _compute(content: Mapping[str, Any], module: Any, config: Any, context: Context) -> Findings:
-    """Train every variant, then compute the tables and the summary in their order."""
-    from socialiq.evaluation.exact import Ground
+    """Evaluate what was trained, then compute the tables and the summary in their order."""
     from socialiq_lab import gridworld_runs
 
-    computes = hasattr(module, "compute_tables")
-    if not computes and "world" not in content:
-        raise UserError("STUDY.toml: name its world, or compute its tables in study.py beside it")
-    trainings = variants(content, config)
-    tables = resolved(content.get("table", []), config)
-    summary = resolved(content.get("summary", {}), config)
-    parts = {"": summary} if {"from", "python"} & summary.keys() else summary
-    drawings = (resolved(content.get(name, []), config) for name in ("figure", "view"))
-    state = State(config, None if computes else Ground.of(resolved(content["world"], config)))
-    _check([trainings, tables, list(parts.values()), *drawings], module)
-    findings = module.compute_tables(config, context) if computes else Findings({}, {})
-    state.tables |= findings.tables
-    names = [*findings.tables, *(training["rows"] for training in trainings)]
-    for table in [*tables, *parts.values()]:
-        if "python" not in table:
-            one_of("table", table["from"], names)
-        names.append(table.get("name", ""))
-    for training in trainings:
-        report = context.on_stage(training["stage"])
-        prior = getattr(module, training.get("prior", ""), None)
-        inputs = training, state.ground, config.seeds, state.data
-        rows, policies = gridworld_runs.train_declared(*inputs, report, prior)
-        state.tables.setdefault(training["rows"], []).extend(rows)
-        state.policies += policies
-    for table in tables:
-        if "python" in table:
-            state.tables[table["name"]] = getattr(module, table["python"])(state)
-        else:
-            rows = table_operations.derived(table, state.tables, state.ground)
-            state.tables[table["name"]] = rows
-    results = dict(findings.summary)
-    for name, part in parts.items():
-        if "python" in part:
-            entries = getattr(module, part["python"])(state)
-        else:
-            rows = table_operations.where(state.tables[part["from"]], part.get("where", {}))
-            entries = table_operations.nested(rows, *part["nest"], keep=part.get("keep"))
-        results |= {name: entries} if name else entries
-    return findings._replace(tables=state.tables, summary=results)
+    plan = _Plan.of(content, module, config)
+    if _computes(module):
+        compute = getattr(module, "compute_tables", None)
+        findings = compute(config, context) if compute else Findings(context.tables(), {})
+        state = State(config, None, findings.tables)
+    else:
+        findings = Findings({}, {})
+        world = resolved(content["world"], config)
+        state = State(config, gridworld_runs.world_of(world))
+        for job, training in zip(context.jobs, plan.trainings, strict=True):
+            prior = getattr(module, training.declared.get("prior", ""), None)
+            folder = context.work / job.name
+            rows, policies, data = gridworld_runs.declared_rows(training, folder, prior)
+            state.data[" ".join(map(str, *training.declared["data"].items()))] = data
+            state.tables.setdefault(training.declared["rows"], []).extend(rows)
+            state.policies += policies
+    state.tables = table_operations.checked_rows(state.tables)
+    summary = plan.derive(state, module, findings.summary)
+    return findings._replace(tables=state.tables, summary=summary)
 
 
 def _check(entries_of_tables: Sequence[Sequence[Mapping[str, Any]]], module: Any) -> None:
@@ -270,73 +268,21 @@ def _check(entries_of_tables: Sequence[Sequence[Mapping[str, Any]]], module: Any
             one_of("kind of figure", layer.get("kind", KINDS[0]), KINDS)
 
 
-def variants(content: Mapping[str, Any], config: Any) -> list[dict[str, Any]]:
-    """Return the trainings of a declaration, each with the values of its runs.
-
-    Defaults are laid under, `each` and the grid of `runs` are multiplied out, and the numbers of
-    `reciprocal` are added.
-
-    Args:
-        content: Content of a STUDY.toml.
-        config: Configuration of the study.
-
-    Returns:
-        A declaration for each variant whose `if` is not false. Its `runs` list the values of each
-        run by name.
-
-    Raises:
-        UserError: If a setting is unknown, a column of values is no list, or `reciprocal` names an
-            unknown number.
-    """
-    from socialiq.evaluation.rollout import MODES
-
-    expanded = []
-    for train in content.get("train", ()):
-        variant = dict(content.get("defaults", {}))
-        for key, value in train.items():  # tables in the defaults are merged, but one of data
-            below = variant.get(key)
-            if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "data":
-                value = {**below, **value}
-            variant[key] = value
-        for values in product_of(resolved(variant.pop("each", {}), config)):
-            bound = SimpleNamespace(**dataclasses.asdict(config) | values)
-            result = resolved(variant, bound)
-            result["runs"] = product_of(result.get("runs", {}))
-            for run, (name, of) in itertools.product(
-                result["runs"], result.get("reciprocal", {}).items()
-            ):
-                one_of("number of the runs", of, tuple(run))
-                run[name] = 1.0 / run[of]
-            if result.get("targets") == "modes":
-                result["targets"] = list(MODES.values())
-            if result.pop("if", True):
-                expanded.append(result)
-    return expanded
+def _of(results: Results, content: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
+    """Return the figures or the views of results, the settings of these filled in."""
+    return resolved(content.get(name, []), SimpleNamespace(**results.config))
 
 
-def product_of(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return every combination of the columns' values, the last column varying fastest.
-
-    Args:
-        columns: List of values by column; "modes" stands for the experts' angles.
-
-    Raises:
-        UserError: If a column is no list.
-    """
-    from socialiq.evaluation.rollout import MODES
-
-    lists = [list(MODES.values()) if values == "modes" else values for values in columns.values()]
-    for name, values in zip(columns, lists, strict=True):
-        if not isinstance(values, list | tuple):
-            raise UserError(f'STUDY.toml: {name} must be a list, or "modes", got {values!r}')
-    return [dict(zip(columns, values, strict=True)) for values in itertools.product(*lists)]
-
-
-def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[str, Figure]:
+def _figures(
+    declared: Sequence[dict[str, Any]], module: Any, results: Results
+) -> dict[str, Figure]:
     from socialiq.plotting import figures
 
     pictures = {}
-    for figure in resolved(content.get("figure", []), SimpleNamespace(**results.config)):
+    results = dataclasses.replace(results, tables=table_operations.checked_rows(results.tables))
+    for figure in declared:
+        if {"python", "rows"} & figure.keys() and not module:
+            continue
         if "python" in figure:
             pictures |= getattr(module, figure["python"])(results)
             continue
@@ -351,11 +297,12 @@ def _figures(content: Mapping[str, Any], module: Any, results: Results) -> dict[
     return pictures
 
 
-def _views(content: Mapping[str, Any], module: Any, results: Results) -> list[View]:
+def _views(declared: Sequence[dict[str, Any]], module: Any, results: Results) -> list[View]:
     views = []
-    for view in resolved(content.get("view", []), SimpleNamespace(**results.config)):
+    results = dataclasses.replace(results, tables=table_operations.checked_rows(results.tables))
+    for view in declared:
         if "python" in view:
-            views += getattr(module, view["python"])(results)
+            views += getattr(module, view["python"])(results) if module else []
             continue
         if view["table"] not in results.tables:  # it was empty
             continue

@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` n
 
 _EPISODES_OF_A_PART = 1000
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
+_ALMOST = 0.99  # largest share of a job that has not ended
 _RECOUNT = 1.0  # s between two counts of the processes, which may join or leave a cluster
 
 _GONE = (
@@ -54,11 +55,6 @@ class Engine:
             raise UserError(f"processes must be at least 1, got {self.processes}")
         if self.processes and self.cluster is not None:
             raise UserError("--processes is of this machine: leave it out, or leave out --cluster")
-
-    @property
-    def is_chosen(self) -> bool:
-        """Whether processes or a cluster are named."""
-        return bool(self.processes) or self.cluster is not None
 
     def parts(self, episodes: int) -> int:
         """Return in how many jobs episodes are played: one for each process.
@@ -200,7 +196,7 @@ class _Call:
             self.progress.begin(name)
         if share is not None:
             if share:
-                self.progress.update(name, share)
+                self.progress.update(name, min(share, _ALMOST))
             return
         future = self.futures[name]
         if future.status != "finished":

@@ -1,8 +1,10 @@
 """Train many runs in an enumerable world and evaluate every one of them exactly."""
 
+import functools
+import itertools
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,11 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq import Demonstrations, QPolicy, train
+from socialiq.errors import one_of
 from socialiq.evaluation import exact
 from socialiq.evaluation.exact import Ground, Metrics
 from socialiq.evaluation.rollout import trajectory_datasets, transition_datasets
 from socialiq.learners import behaviour_cloning
-from socialiq.learners.callbacks import Callbacks, Report
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.config import DialPreset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import config as presets
@@ -22,6 +25,10 @@ from socialiq.learners.kernel import Trained
 from socialiq.settings import changed
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
+from socialiq_lab.jobs import Inputs, ProgressCallback, callbacks_of
+
+TRAINED = "trained"
+"""File of the state of a declared training, in the folder of its job."""
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
 """From the `TrainState` of all runs to named values, each (runs,)."""
@@ -57,7 +64,7 @@ def train_runs(
     static: presets.IQLearnConfig,
     hyperparameters: Sequence[presets.IQLearnHyperparameters],
     datasets: Sequence[Demonstrations],
-    on_report: Callable[[Report], None] | None,
+    callbacks: Callbacks | None = None,
     chunk: int | None = None,
     monitor: Monitor | None = None,
     prior: Callable[..., Any] | None = None,
@@ -69,15 +76,15 @@ def train_runs(
         static: Static configuration of all runs.
         hyperparameters: Hyperparameters of each run.
         datasets: Demonstrations that the runs' `dataset` numbers.
-        on_report: Progress callback.
+        callbacks: Progress and checkpoint.
         chunk: Updates of a chunk; None for 500.
-        monitor: Measures the runs after each chunk. None for the exact metrics if there is a
-            progress callback or a chunk, else for no measures.
+        monitor: Measures the runs after each chunk. None for the exact metrics if there is a chunk,
+            else for no measures.
         prior: A user's penalty in place of the quadratic one; None for the configured prior.
     """
-    if monitor is None and (on_report is not None or chunk is not None):
+    if monitor is None and chunk is not None:
         monitor = exact.exact_monitor(ground.part, [run.temperature for run in hyperparameters])
-    callbacks = Callbacks(on_report=on_report, monitor=monitor)
+    callbacks = replace(callbacks or Callbacks(), monitor=monitor)
     simulator = ground.table.world if static.online else None
     return train(static, hyperparameters, datasets, simulator, callbacks, chunk or 500, prior=prior)
 
@@ -88,7 +95,7 @@ def train_dials(
     seeds: Sequence[int],
     data: Sequence[Demonstrations],
     updates: int,
-    on_report: Callable[[Report], None] | None,
+    callbacks: Callbacks | None = None,
 ) -> Trained:
     """Train a dial of each seed in a gridworld.
 
@@ -98,14 +105,14 @@ def train_dials(
         seeds: Training seeds; seed i learns from data set i.
         data: Demonstrations of each seed; not used by a preset without any.
         updates: Gradient steps; 0 for those of the preset.
-        on_report: Progress callback.
+        callbacks: Progress and checkpoint.
     """
     static = preset.structure
     static = replace(static, one_hot=world.one_hot, updates=updates or static.updates)
     runs = [replace(preset.numbers, seed=seed, dataset=number) for number, seed in enumerate(seeds)]
     sets = data if static.demonstrations else ()
     simulator = world if static.online else None
-    return train_dial(static, runs, sets, simulator, callbacks=Callbacks(on_report=on_report))
+    return train_dial(static, runs, sets, simulator, callbacks=callbacks)
 
 
 def file_of(policy: Any) -> bytes:
@@ -126,64 +133,136 @@ class Learned(NamedTuple):
     policy: QPolicy
 
 
+@dataclass(frozen=True)
+class Training:
+    """A `[[train]]` of a study, as the configuration of its job."""
+
+    world: str
+    seeds: tuple[int, ...]  # each has a separate data set
+    declared: Mapping[str, Any]  # as `declared_settings.variants` multiplies it out
+    prior: Mapping[str, str]  # name and SHA-256 of the user's penalty, if there is one
+
+    def runs(self) -> list[Any]:
+        """Return the hyperparameters of each run, the seed varying fastest."""
+        numbers = learner_of(self.declared)[1]
+        return [
+            replace(changed(numbers, values), seed=seed, dataset=index)
+            for values in self.declared["runs"]
+            for index, seed in enumerate(self.seeds)
+        ]
+
+    def labels(self) -> list[Row]:
+        """Return the label of each run.
+
+        Raises:
+            UserError: If a label names an unknown number of the runs.
+        """
+        rows: list[Row] = []
+        for run in self.runs():
+            row: Row = {}
+            for name, value in self.declared["label"].items():
+                if str(value).startswith("@"):
+                    one_of("number of the runs", value[1:], tuple(vars(run)))
+                    value = getattr(run, value[1:])
+                row[name] = value
+            rows.append(row)
+        return rows
+
+    def invented(self) -> list[Row]:
+        """Return rows of the columns and labels that the training will have, of random numbers."""
+        updates = learner_of(self.declared)[0].updates
+        rng = np.random.default_rng(0)
+        rows: list[Row] = []
+        for target, readout in itertools.product(
+            self.declared.get("targets", [None]), exact.READOUTS
+        ):
+            for label, run in zip(self.labels(), self.runs(), strict=True):
+                measured = {name: rng.random() for name in Metrics._fields}
+                row = label | {"readout": readout, "seed": run.seed}
+                if "checkpoint" in self.declared:
+                    rows.append(row | {"updates": updates} | measured)
+                else:
+                    angle = run.angle if target is None else target
+                    rows.append(row | {"target_angle": angle, "regret": rng.random()} | measured)
+        return rows
+
+
 def train_declared(
-    training: Mapping[str, Any],
-    ground: Ground,
-    seeds: Sequence[int],
-    data_sets: dict[str, list[Demonstrations]],
-    on_report: Callable[[Report], None] | None,
+    config: Training,
+    folder: Path,
+    _inputs: Inputs,
+    on_progress: ProgressCallback,
     prior: Callable[..., Any] | None = None,
-) -> tuple[list[Row], list[Learned]]:
-    """Train the runs of a `[[train]]` in one program.
+) -> None:
+    """Train the runs of a `[[train]]` in one program, and keep their state in a folder.
 
     Args:
-        training: The declaration as `declared.variants` multiplies it out.
-        ground: The world, enumerated.
-        seeds: Training seeds; each has a separate data set.
-        data_sets: Data sets by their declaration, as "trajectories 60"; new ones are added.
-        on_report: Progress callback.
+        config: The training.
+        folder: Folder of the job.
+        _inputs: No folders.
+        on_progress: Called with the finished share of the training.
         prior: A user's penalty in place of the quadratic one.
+    """
+    _trained(config, callbacks_of(on_progress, folder / TRAINED, keep=True), prior)
+
+
+world_of = functools.lru_cache(4)(Ground.of)
+
+
+@functools.lru_cache(4)
+def _data_sets(world: str, seeds: tuple[int, ...], kind: str, number: int) -> list[Demonstrations]:
+    experts = {"trajectories": trajectory_datasets, "transitions": transition_datasets}
+    return experts[kind](world_of(world).table, seeds, number)
+
+
+def _trained(
+    config: Training, callbacks: Callbacks, prior: Callable[..., Any] | None
+) -> tuple[Trained, list[Demonstrations]]:
+    """Train, or read what was trained; return it, and the data sets."""
+    ((kind, number),) = config.declared["data"].items()
+    data = _data_sets(config.world, config.seeds, kind, number)
+    static = learner_of(config.declared)[0]
+    runs = config.runs()
+    if isinstance(static, behaviour_cloning.CloningConfig):
+        train_on = behaviour_cloning.BehaviourCloning.train_on
+        return train_on(static, runs, data, callbacks), data
+    chunk = config.declared.get("checkpoint")
+    inputs = world_of(config.world), static, runs, data, callbacks, chunk
+    return train_runs(*inputs, prior=prior), data
+
+
+def declared_rows(
+    config: Training, folder: Path, prior: Callable[..., Any] | None
+) -> tuple[list[Row], list[Learned], list[Demonstrations]]:
+    """Evaluate what `train_declared` left in a folder.
+
+    Args:
+        config: The training.
+        folder: Folder of its job.
+        prior: The user's penalty that the training had.
 
     Returns:
-        The rows and the policies. With `checkpoint` the rows are those of `checkpoint_rows`, and
-        there are no policies.
+        The rows, the policies and the data sets. With `checkpoint` the rows are those of
+        `checkpoint_rows`, and there are no policies.
     """
-    ((kind, number),) = training["data"].items()
-    if (key := f"{kind} {number}") not in data_sets:
-        experts = {"trajectories": trajectory_datasets, "transitions": transition_datasets}
-        data_sets[key] = experts[kind](ground.table, seeds, number)
-    data = data_sets[key]
-    chunk = training.get("checkpoint")
-    static, numbers = learner_of(training)
-    runs = [
-        replace(changed(numbers, values), seed=seed, dataset=index)
-        for values in training["runs"]
-        for index, seed in enumerate(seeds)
-    ]
-    if isinstance(static, behaviour_cloning.CloningConfig):
-        callbacks = Callbacks(on_report=on_report)
-        trained = behaviour_cloning.BehaviourCloning.train_on(static, runs, data, callbacks)
-    else:
-        trained = train_runs(ground, static, runs, data, on_report, chunk, prior=prior)
-    labels: list[Row] = [
-        {
-            name: getattr(run, value[1:]) if str(value).startswith("@") else value
-            for name, value in training["label"].items()
-        }
-        for run in runs
-    ]
-    if chunk is not None:
-        return checkpoint_rows(trained, runs, labels), []
+    callbacks = Callbacks(checkpoint=folder / TRAINED, resume=True)
+    trained, data = _trained(config, callbacks, prior)
+    ground = world_of(config.world)
+    runs = config.runs()
+    labels = config.labels()
+    if "checkpoint" in config.declared:
+        return checkpoint_rows(trained, runs, labels), [], data
     policies = [trained.policy(number) for number in range(len(runs))]
     rows: list[Row] = []
-    for target in training.get("targets", [None]):
+    for target in config.declared.get("targets", [None]):
         for label, run, policy in zip(labels, runs, policies, strict=True):
             angle = run.angle if target is None else target
             rows += rows_of(ground, policy, angle, label | {"target_angle": angle}, run.seed)
-    return rows, [
-        Learned(label | {"target_angle": run.angle}, static, run, data[run.dataset], policy)
+    learned = [
+        Learned(label | {"target_angle": run.angle}, trained.static, run, data[run.dataset], policy)
         for label, run, policy in zip(labels, runs, policies, strict=True)
     ]
+    return rows, learned, data
 
 
 def learner_of(training: Mapping[str, Any]) -> tuple[Any, Any]:

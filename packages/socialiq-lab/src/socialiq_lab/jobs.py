@@ -7,6 +7,7 @@ them.
 """
 
 import dataclasses
+import functools
 import hashlib
 import importlib.metadata
 import json
@@ -23,7 +24,7 @@ import filelock
 
 from socialiq import UserError
 from socialiq.evaluation.parts import ONE_THREAD
-from socialiq.learners.callbacks import Callbacks, Report, Stopped, stop_requests
+from socialiq.learners.callbacks import PARTS, Callbacks, Report, Stopped, stop_requests
 from socialiq.results_folder import as_csv
 from socialiq.storage import read_json, remove_cut_off_writes, write_atomically, write_json
 from socialiq.to_json import rounded
@@ -49,12 +50,44 @@ Work = Callable[[Any, Path, Inputs, ProgressCallback], None]
 """Fills a folder: given the job's configuration, its folder, and the folders of its inputs."""
 
 
+ROWS = "rows.json"
+"""File of the rows that a job keeps (`keeps_rows`), as exact as they were computed."""
+
+
+def keeps_rows(function: Callable[[Any, Path, StageCallback], Mapping[str, Sequence[Row]]]) -> Work:
+    """Make the work of a job whose function returns rows of tables, which are kept.
+
+    Args:
+        function: Given the job's configuration, its folder and a progress callback, it returns
+            rows by the name of their table. It is a function of a module.
+    """
+
+    @functools.wraps(function)
+    def work(config: Any, folder: Path, _inputs: Inputs, on_progress: ProgressCallback) -> None:
+        def on_stage(_stage: str) -> Callable[[Report], None]:
+            return lambda report: on_progress(report.done / report.total)
+
+        tables = function(config, folder, on_stage)
+        write_atomically(folder / ROWS, json.dumps(tables, default=lambda number: number.item()))
+
+    return work
+
+
+@dataclass(frozen=True)
+class Part:
+    """Configuration of a job that computes a part of a study."""
+
+    study: Any  # configuration of the study
+    of: Any = ""  # which part
+
+
 def callbacks_of(
     progress: ProgressCallback,
     checkpoint: Path | None = None,
     monitor: Any = None,
     done: float = 0.0,
     share: float = 1.0,
+    keep: bool = False,
 ) -> Callbacks:
     """Return the callbacks of a training that is a part of a job.
 
@@ -64,13 +97,14 @@ def callbacks_of(
         monitor: Measures of the training after each chunk.
         done: Share of the job that is finished when the training begins.
         share: Share of the job that the training takes.
+        keep: Whether the file has the trained state too.
     """
 
     def on_report(report: Report) -> None:
         progress(done + share * report.done / report.total)
 
     resume = checkpoint is not None and checkpoint.is_file()
-    return Callbacks(on_report, monitor, checkpoint, resume)
+    return Callbacks(on_report, monitor, checkpoint, resume, keep)
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
@@ -131,7 +165,7 @@ def fingerprints(jobs: Sequence[Job]) -> dict[str, str]:
             raise UserError(f"two jobs are called {job.name}")
         content = [
             version,
-            job.work.__qualname__,
+            getattr(job.work, "func", job.work).__qualname__,  # of a partial function too
             dataclasses.asdict(job.config),
             [hashes[name] for name in job.inputs],
         ]
@@ -286,6 +320,10 @@ def _cause(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
+WHOLE = "whole run"
+"""Stage whose reports are of all jobs of a call."""
+
+
 class Progress:
     """Progress of a study's jobs, of which some are still open, as the reports of its stages."""
 
@@ -304,33 +342,37 @@ class Progress:
 
     def begin(self, name: str) -> None:
         """Take note that a job begins."""
-        stage = self._jobs[name].stage
-        if stage not in self._began:
-            self._began[stage] = time.monotonic(), self._of(stage)
-            self._shown[stage] = self._watch(stage)
+        for stage in (WHOLE, self._jobs[name].stage):
+            if stage not in self._began:
+                self._began[stage] = time.monotonic(), self._done(self._of(stage))
+                self._shown[stage] = self._watch(stage)
 
     def update(self, name: str, share: float) -> None:
-        """Take note of the finished share of a job that has begun, and report its stage.
+        """Take note of the finished share of a job that has begun; report its stage and the run.
 
         Args:
             name: Name of the job.
             share: Finished share of the job, from 0 to 1.
         """
-        stage = self._jobs[name].stage
         self._share[name] = share
-        if not self._shown[stage]:
-            return
+        for stage, unit in ((self._jobs[name].stage, "jobs/min"), (WHOLE, PARTS)):
+            if self._shown[stage]:
+                self._shown[stage](self._report(stage, unit))
+
+    def _report(self, stage: str, unit: str) -> Report:
         began, at = self._began[stage]
-        jobs = [job for job in self._jobs.values() if job.stage == stage]
+        jobs = self._of(stage)
         total = sum(job.cost for job in jobs)
-        done = self._of(stage)
+        done = self._done(jobs)
         finished = sum(self._share[job.name] >= 1 for job in jobs)
         pace = (done - at) / max(time.monotonic() - began, 1e-9)
         left = (total - done) / pace if pace > 0 else float("inf")
         rate = pace * len(jobs) / total * 60
-        self._shown[stage](Report(finished, len(jobs), rate, left, {}, {}, (), "jobs/min"))
+        return Report(finished, len(jobs), rate, left, {}, {}, (), unit)
 
-    def _of(self, stage: str) -> float:
-        """Costs of what is done of a stage."""
-        jobs = (job for job in self._jobs.values() if job.stage == stage)
+    def _of(self, stage: str) -> list[Job]:
+        return [job for job in self._jobs.values() if stage in (WHOLE, job.stage)]
+
+    def _done(self, jobs: Sequence[Job]) -> float:
+        """Costs of what is done."""
         return sum(job.cost * self._share[job.name] for job in jobs)

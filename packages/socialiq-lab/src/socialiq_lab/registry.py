@@ -127,9 +127,6 @@ def study_and_declaration(name: str, allow_code: bool = False) -> tuple[Study, d
         return declared_study(path.parent.name, content, module), content
     file, _, attribute = name.rpartition(":")
     if file.endswith(".py"):
-        folder = str(Path(file).resolve().parent)
-        if allow_code and folder not in sys.path:
-            sys.path.append(folder)  # the processes that run its jobs import the file by name
         study = getattr(_run(file, name, allow_code), attribute, None)
         if not isinstance(study, Study):
             raise UserError(f"{file} has no study {attribute}: name a socialiq Study of the file")
@@ -161,6 +158,9 @@ def _run(file: str, name: str, allow_code: bool) -> Any:
     """Run a Python file of the user's, if that is allowed."""
     if not allow_code:
         raise UserError(f"{name} would run its author's code: allow that with --allow-code")
+    folder = str(Path(file).resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)  # the processes that run its jobs import the file by name
     try:
         return imported(file)
     except UserError:

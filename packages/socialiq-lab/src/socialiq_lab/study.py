@@ -7,6 +7,7 @@ tables alone. A short study has no jobs: its tables are computed in one go.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from socialiq.results_folder import Results
 from socialiq.storage import shipped
 from socialiq.types import Row
 from socialiq_lab.engine import Engine, run_jobs, work_folder
-from socialiq_lab.jobs import Job, StageCallback
+from socialiq_lab.jobs import ROWS, Job, StageCallback
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,6 +38,14 @@ class Context(NamedTuple):
     jobs: Sequence[Job]  # all of them, finished
     work: Path  # has a folder for each of them
     on_stage: StageCallback  # shows the progress of a study without jobs
+
+    def tables(self) -> dict[str, list[Row]]:
+        """Return the rows that the jobs have kept (`jobs.keeps_rows`), in their order, by table."""
+        tables: dict[str, list[Row]] = {}
+        for job in self.jobs:
+            for name, rows in json.loads((self.work / job.name / ROWS).read_text()).items():
+                tables.setdefault(name, []).extend(rows)
+        return tables
 
 
 class Findings(NamedTuple):
@@ -77,11 +86,6 @@ class Study:
     jobs: Callable[[Any], Sequence[Job]] | None = None
     more_jobs: Callable[[Any, Path], Sequence[Job]] | None = None
 
-    @property
-    def is_resumable(self) -> bool:
-        """Whether the study keeps finished jobs in a work folder."""
-        return self.jobs is not None
-
 
 def run(
     study: Study,
@@ -104,17 +108,15 @@ def run(
         Stopped: On Ctrl-C; the same call resumes.
     """
     config = study.Config() if config is None else config
-    if study.jobs is None:
-        findings = study.tables(config, Context((), Path(), on_stage))
-    else:
-        place = engine or Engine()
-        with work_folder(work) as folder:
-            jobs = list(study.jobs(config))
+    place = engine or Engine()
+    with work_folder(work) as folder:
+        jobs = list(study.jobs(config)) if study.jobs else []
+        if jobs:
             run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
-            if study.more_jobs:
-                jobs += [job for job in study.more_jobs(config, folder) if job not in jobs]
-                run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
-            findings = study.tables(config, Context(jobs, folder, on_stage))
+        if study.more_jobs:
+            jobs += [job for job in study.more_jobs(config, folder) if job not in jobs]
+            run_jobs(jobs, folder, on_stage, place.processes, place.cluster)
+        findings = study.tables(config, Context(jobs, folder, on_stage))
     return Results.of(study.name, config, findings.tables, findings.summary, findings.files)
 
 

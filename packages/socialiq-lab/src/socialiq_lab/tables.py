@@ -11,6 +11,21 @@ from socialiq.statistics.intervals import normal_mean
 from socialiq.types import Row
 
 
+class NamedRow(dict[str, Any]):
+    """A row that refuses a column which it hasn't, with the list of those it has."""
+
+    def __missing__(self, name: str) -> Any:
+        one_of("column", name, tuple(self))
+
+    def __or__(self, columns: Any) -> Any:
+        return NamedRow({**self, **columns})
+
+
+def checked_rows(tables: Mapping[str, Sequence[Row]]) -> dict[str, list[Row]]:
+    """Return tables whose rows refuse unknown columns by name."""
+    return {name: [NamedRow(row) for row in rows] for name, rows in tables.items()}
+
+
 def groups(rows: Sequence[Row], *keys: str) -> dict[tuple, list[Row]]:
     """Return the rows by their values of some columns, in order of first appearance."""
     result: dict[tuple, list[Row]] = {}
@@ -139,6 +154,7 @@ def paired_table(
     tests = []
     for comparison, comparable in labelled(rows, *within):
         by_group = groups(comparable, by)
+        one_of(by, reference, [name for (name,) in by_group])
         first = {row[seed]: row for row in by_group[reference,]}
         for (name,), group in by_group.items():
             pairs = [(first[row[seed]], row) for row in group if row[seed] in first]
@@ -226,7 +242,7 @@ def nested(
     result: dict[str, Any] = {}
     for row in rows:
         branch = result
-        texts = {name: as_text(value) for name, value in row.items()}
+        texts = NamedRow((name, as_text(value)) for name, value in row.items())
         *above, last = (key % texts if "%" in key else texts[key] for key in keys)
         for text in above:
             branch = branch.setdefault(text, {})

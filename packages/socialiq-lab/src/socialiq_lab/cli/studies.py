@@ -31,8 +31,8 @@ from socialiq_lab.study import Study
 class Reproduce(Printing):
     """Run a study, or show its results.
 
-    `socialiq reproduce STUDY --settings` lists a study's settings. The long studies, those of the
-    intersection, take hours; they keep what is done in FOLDER.work, so the same command resumes.
+    `socialiq reproduce STUDY --settings` lists a study's settings. What is done is kept in
+    FOLDER.work, so the same command resumes. The studies of the intersection take hours.
 
     Example: socialiq reproduce grid --seeds 0 1 --set updates=500 --out my-results
     """
@@ -56,7 +56,7 @@ class Reproduce(Printing):
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     work: Path | None = None
-    """Folder of what is done, by default FOLDER.work; only studies with jobs keep one."""
+    """Folder of what is done, by default FOLDER.work."""
     engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
     replace: bool = False
     """Replace the results that are in the folder."""
@@ -103,10 +103,6 @@ class Reproduce(Printing):
         """Run what is not done yet, with its progress shown, and write the folder."""
         _check(config)
         folder = self.out or Path(f"results-{study.name}")
-        if self.work is not None and not study.is_resumable:
-            raise UserError(f"{study.name} keeps no work folder: leave out --work")
-        if self.engine.is_chosen and not study.is_resumable:
-            raise UserError(f"{study.name} has no jobs: leave out --processes and --cluster")
         with claimed(folder), Display() as display:
             store.check_target(folder, self.replace)
             work = self.work or folder.with_name(f"{folder.name}.work")

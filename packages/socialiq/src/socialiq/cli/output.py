@@ -23,7 +23,7 @@ import rich.table
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from socialiq.learners.callbacks import Report
+from socialiq.learners.callbacks import PARTS, Report
 from socialiq.outputs import refuse_existing
 from socialiq.reading import path_of
 from socialiq.results_folder import as_csv
@@ -310,11 +310,8 @@ class Display:
         printed = [time.monotonic() - _PLAIN_SECONDS, 0]
 
         def show(report: Report) -> None:
-            texts = {
-                "count": f"{report.done}/{report.total}" if self._wide else "",
-                "rate": rate_of(report, self._wide),
-                "left": _remaining(report.seconds_left),
-            }
+            count, rate, left = _counted(report, self._wide)
+            texts = {"count": count if self._wide else "", "rate": rate, "left": left}
             used = min(len(name), self._stage) + self._bar + sum(map(len, texts.values())) + 5
             texts["losses"] = fitted(_losses(report), self.progress.console.width - used)
             self.progress.update(task, total=report.total, completed=report.done, texts=texts)
@@ -324,9 +321,7 @@ class Display:
             due = time.monotonic() - printed[0] >= _PLAIN_SECONDS or report.done == report.total
             if self._plain and due:
                 printed[0] = time.monotonic()
-                count = f"{report.done}/{report.total}"
-                losses = " ".join(_losses(report))
-                texts = [count, rate_of(report), _remaining(report.seconds_left), losses]
+                texts = [*_counted(report), " ".join(_losses(report))]
                 say(f"{name}: {', '.join(text for text in texts if text)}")
 
         return show
@@ -346,6 +341,16 @@ def fitted(words: Sequence[str], room: int) -> str:
             break
         text = longer
     return text
+
+
+def _counted(report: Report, with_unit: bool = True) -> tuple[str, str, str]:
+    """Return what is done, the rate and the time that is left as texts."""
+    left = _remaining(report.seconds_left)
+    if report.unit == PARTS:
+        if report.done == report.total:
+            return f"all {report.total} parts", "", ""
+        return f"part {report.done + 1} of {report.total}", "", f"about {left}" if left else ""
+    return f"{report.done}/{report.total}", rate_of(report, with_unit), left
 
 
 def rate_of(report: Report, with_unit: bool = True) -> str:

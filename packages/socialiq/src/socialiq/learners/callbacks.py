@@ -20,6 +20,9 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.foreign import optional
 
+PARTS = "parts"
+"""Unit of a report of a whole run, which counts what is not of one size."""
+
 
 class Report(NamedTuple):
     """Progress after a chunk.
@@ -32,7 +35,8 @@ class Report(NamedTuple):
         terms: Mean of each named term over the chunk and over sound runs.
         monitored: What the monitor returned, each (runs,).
         failures: One line for each run that has stopped.
-        unit: What is counted, "updates", or "jobs/min" where the rate is not per second.
+        unit: What is counted, "updates", or "jobs/min" where the rate is not per second; `PARTS`
+            has no rate.
         by_run: Mean of each named term over the chunk, each (runs,); NaN where a run broke.
     """
 
@@ -56,6 +60,7 @@ class Callbacks:
         monitor: Given the `TrainState` of all runs, returns named values, each (runs,).
         checkpoint: File of the resumable state; written when stopped and about once a minute.
         resume: Whether to go on from that file.
+        keep: Whether the state after the last update is written too.
         run_names: How failure messages call the runs.
     """
 
@@ -63,6 +68,7 @@ class Callbacks:
     monitor: Callable[[Any], dict[str, np.ndarray]] | None = None
     checkpoint: str | Path | None = None
     resume: bool = False
+    keep: bool = False
     run_names: tuple[str, ...] = ()
 
 

@@ -97,7 +97,8 @@ def fit(
             if callbacks.on_report:
                 failures = failure_lines(runs, names, callbacks.run_names, hyperparameters)
                 callbacks.on_report(clock.report(done, record, monitored, failures))
-            if callbacks.checkpoint and (stop.is_set() or clock.minute_passed()):
+            due = stop.is_set() or (callbacks.keep and done == total)
+            if callbacks.checkpoint and (due or clock.minute_passed()):
                 save_checkpoint(callbacks.checkpoint, fingerprint, runs, history)
             if stop.is_set() and done < total:
                 after = f"stopped after {done} of {total} updates"

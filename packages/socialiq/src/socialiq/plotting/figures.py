@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from socialiq.errors import one_of
 from socialiq.foreign import drawing
 from socialiq.plotting import style
 from socialiq.plotting.style import PALETTE
@@ -53,6 +54,9 @@ def draw(specification: Mapping[str, Any], results: Results) -> Figure | None:
     rows = next(filter(None, (_rows(layer, results) for layer in layers)), None)
     if rows is None:
         return None
+    known = [name for layer in layers for row in _rows(layer, results)[:1] for name in row]
+    for name in _listed(specification["y"]):
+        one_of("column", name, list(dict.fromkeys(known)))
     names = _listed(specification.get("panels"))
     values = dict.fromkeys(tuple(row[name] for name in names) for row in rows)
     panels = [
