@@ -113,12 +113,12 @@ def driven(totals: np.ndarray, at_fault: np.ndarray, delay: np.ndarray) -> Evide
     return Evidence("made up", np.arange(count), policy, references, {})
 
 
-def decisions_of(shape: str, place: float, episodes: int, seed: int) -> dict[str, Decision]:
+def decisions_of(shape: str, position: float, episodes: int, seed: int) -> dict[str, Decision]:
     """Return the decision of each test of a driver whose every measure has one position.
 
     Args:
         shape: One of `SHAPES`.
-        place: One of the values of `POSITIONS`.
+        position: One of the values of `POSITIONS`.
         episodes: Number of episodes.
         seed: Seed of the draws.
     """
@@ -130,14 +130,14 @@ def decisions_of(shape: str, place: float, episodes: int, seed: int) -> dict[str
     assert margin.width is not None and margin.beyond is not None
     along, across = (np.array(exact_weights(angle)) for angle in (45.0, 135.0))
     ahead, aside = exact_weights(90.0 - margin.width)  # of the reward across the end of 30 degrees
-    loss = place * margin.regret
-    turn = (loss - place * LENGTH) * ahead / aside  # so that D(30) is 0 on the limit
+    loss = position * margin.regret
+    turn = (loss - position * LENGTH) * ahead / aside  # so that D(30) is 0 on the limit
     rewards = np.outer(LENGTH - loss - SPREAD * lost, along)
     rewards += np.outer(turn - SPREAD * turned, across)
-    delay = EFFECT.limit * (place + delayed)
-    evidence = driven(rewards, chance < place * FLOOR.limit, delay)
+    delay = EFFECT.limit * (position + delayed)
+    evidence = driven(rewards, chance < position * FLOOR.limit, delay)
     mixed = np.tile(LENGTH * along, (episodes, 1))
-    mixed[chance < place * margin.beyond] += BEYOND * across
+    mixed[chance < position * margin.beyond] += BEYOND * across
     characters = driven(mixed, chance < 0.0, delay)
     errors = ERROR, ERROR
     regrets = Regrets(evidence, seed, largest_loss=PROFILE.largest_loss, decisive=True)

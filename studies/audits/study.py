@@ -17,7 +17,7 @@ from socialiq import Margin, RewardPair, score
 from socialiq.audit.conduct import conduct
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.profile.template import floor_at
-from socialiq.audit.report.views import arcs
+from socialiq.audit.report.words import arcs
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import check_episodes
 from socialiq.audit.verdict.decision import Decision

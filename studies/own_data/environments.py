@@ -33,8 +33,8 @@ class Feeder(gymnasium.Env):
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict]:
         """Charge for an hour: what both ask for, at most 1.2 in all."""
-        asked = np.array([action / 2.0, float(self.charge[1] < 0.9)])
-        served = asked * min(1.0, 1.2 / max(asked.sum(), 1.2e-9))
+        powers = np.array([action / 2.0, float(self.charge[1] < 0.9)])
+        served = powers * min(1.0, 1.2 / max(powers.sum(), 1.2e-9))
         charge = np.minimum(1.0, self.charge + 0.2 * served)
         self.gains = 5.0 * (charge - self.charge) - 0.3 * (1.0 - charge)
         self.charge = charge
@@ -48,7 +48,12 @@ class Feeder(gymnasium.Env):
 
 def feeder() -> gymnasium.Env:
     """Return the feeder: r_env is the charge of the ego's car, r_social that of the other's."""
-    return RewardPairWrapper(Feeder(), lambda step: tuple(step.env.unwrapped.gains))
+
+    def pair(step: Any) -> tuple[float, float]:
+        own_gain, other_gain = step.env.unwrapped.gains
+        return own_gain, other_gain
+
+    return RewardPairWrapper(Feeder(), pair)
 
 
 def greedy(observations: np.ndarray) -> Sequence[int]:
@@ -65,9 +70,9 @@ def cart() -> gymnasium.Env:
     """Return CartPole-v1 of 200 steps: the ego wants the cart at 1, its neighbour at -1."""
 
     def pair(step: Any) -> tuple[float, float]:
-        place = float(step.next_observation[0])
+        position = float(step.next_observation[0])
         fall = 20.0 * step.terminated
-        return 1.0 - (place - 1.0) ** 2 / 2 - fall, 1.0 - (place + 1.0) ** 2 / 2 - fall
+        return 1.0 - (position - 1.0) ** 2 / 2 - fall, 1.0 - (position + 1.0) ** 2 / 2 - fall
 
     return RewardPairWrapper(gymnasium.make("CartPole-v1", max_episode_steps=200), pair)
 
@@ -83,9 +88,9 @@ def left(observations: np.ndarray) -> Sequence[int]:
 
 
 def _balanced(observations: np.ndarray, target: float) -> Sequence[int]:
-    place, speed, lean, turn = np.asarray(observations).T
-    wanted = np.clip(0.1 * (place - target) + 0.25 * speed, -0.5, 0.5)
-    return [int(push > 0) for push in lean + 0.5 * turn + 0.6 * wanted]
+    position, speed, lean, turn = np.asarray(observations).T
+    correction = np.clip(0.1 * (position - target) + 0.25 * speed, -0.5, 0.5)
+    return [int(push > 0) for push in lean + 0.5 * turn + 0.6 * correction]
 
 
 def cliff() -> gymnasium.Env:
@@ -141,28 +146,26 @@ def fast(observations: np.ndarray) -> Sequence[int]:
 
 def saving(observations: np.ndarray) -> Sequence[int]:
     """Accelerate so too, and coast once the car has the energy for the hill."""
-    place, speed = np.asarray(observations).T
-    energy = 0.0025 / 3 * (np.sin(3 * place) - np.sin(1.5)) + speed**2 / 2
+    position, speed = np.asarray(observations).T
+    energy = 0.0025 / 3 * (np.sin(3 * position) - np.sin(1.5)) + speed**2 / 2
     coasts = (energy > 0) & (speed > 0)
     return np.where(coasts, 1, np.where(speed >= 0, 2, 0)).tolist()
 
 
 def merge() -> gymnasium.Env:
     """Return highway-env's merge-v0: the ego's speed, and that of the other vehicles."""
-    import highway_env
 
     def pair(step: Any) -> tuple[float, float]:
         ego = step.env.unwrapped.vehicle
-        others = [v.speed for v in step.env.unwrapped.road.vehicles if v is not ego]
+        speeds = [v.speed for v in step.env.unwrapped.road.vehicles if v is not ego]
         crash = 5.0 * ego.crashed
-        return (ego.speed - 20.0) / 10.0 - crash, (np.mean(others) - 28.0) / 5.0 - crash
+        return (ego.speed - 20.0) / 10.0 - crash, (np.mean(speeds) - 28.0) / 5.0 - crash
 
     def ending(step: Any) -> str:
         return "collision" if step.env.unwrapped.vehicle.crashed else "arrival"
 
-    gymnasium.register_envs(highway_env)
     with warnings.catch_warnings(action="ignore"):  # merge-v0 is the older of two
-        road = gymnasium.make("merge-v0", max_episode_steps=30)
+        road = gymnasium.make("highway_env:merge-v0", max_episode_steps=30)
     return RewardPairWrapper(road, pair, ending)
 
 

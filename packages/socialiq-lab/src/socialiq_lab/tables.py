@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.errors import one_of
 from socialiq.results_folder import as_text, where
 from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.statistics.intervals import normal_mean

@@ -149,9 +149,9 @@ class EffectsOf(Printing):
         """Return a row for each driver on a road, and what was chosen; append episodes."""
         options = self.measured()
         # A file that rewards effects has its own options of the measure.
-        given = {name: option for name, option in options.items() if option != _USUAL[name]}
+        changes = {name: option for name, option in options.items() if option != _USUAL[name]}
         plain: Any = with_one_ego(written)
-        world: Any = measuring(plain, **given)
+        world: Any = measuring(plain, **changes)
         options = {name: getattr(world.effects, name) for name in options}
         seeds = np.arange(self.seed, self.seed + self.episodes)
         rows = []
@@ -165,14 +165,14 @@ class EffectsOf(Printing):
             for name, angle in self.drivers():
                 # Each driver is shown what it observes.
                 road: Any = with_one_ego(self.road.written(self.world, [name]))
-                shown = measuring(road, **given)
-                loaded = closing.enter_context(driver_of(name, shown, angle, self.allow_code))
-                opened.append((name, angle, shown, loaded))
-            for name, angle, shown, loaded in opened:
-                read = functools.partial(driver_of, world=shown)
+                watched = measuring(road, **changes)
+                loaded = closing.enter_context(driver_of(name, watched, angle, self.allow_code))
+                opened.append((name, angle, watched, loaded))
+            for name, angle, watched, loaded in opened:
+                read = functools.partial(driver_of, world=watched)
                 driver = with_fallback(self.road.fallback, name, loaded, read)
-                known = begun[shown.schema]
-                effects = measure(shown, driver, seeds, known, shield=self.road.shield)
+                start = begun[watched.schema]
+                effects = measure(watched, driver, seeds, start, shield=self.road.shield)
                 row: Row = {"policy": name_of(name), "angle": "" if angle is None else angle}
                 row |= {"fallback": driver.share} if isinstance(driver, Watched) else {}
                 rows.append(row | summary(effects))
@@ -189,14 +189,15 @@ class EffectsOf(Printing):
     @contextlib.contextmanager
     def in_sumo(self, name: str, angle: float | None, options: Row) -> Iterator[Placed]:
         """Yield SUMO with the clock that a driver takes, and the driver."""
-        shown = self.road.written(self.world, [name])
+        written = self.road.written(self.world, [name])
         layout = showing(make(INTERSECTION), schema_of(parse(name).spec))
         read = functools.partial(driver_of, world=layout)
         with driver_of(name, layout, angle, self.allow_code) as loaded:
             driver = with_fallback(self.road.fallback, name, loaded, read)
             length = getattr(driver, "n_features", None) or loaded.record.interface.n_features
             clock = length > layout.n_features
-            yield make_environment(shown.name, {"clock": clock, **options, **shown.options}), driver
+            settings = {"clock": clock, **options, **written.options}
+            yield make_environment(written.name, settings), driver
 
     @contextlib.contextmanager
     def in_own(self, name: str, angle: float | None, _: Row) -> Iterator[Placed]:

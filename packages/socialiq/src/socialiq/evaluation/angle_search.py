@@ -39,14 +39,14 @@ class AngleSearch:
     table: list[Row]
 
 
-def search(policies_at: PoliciesAt, wanted: Demonstrations) -> AngleSearch:
-    """Find the angle from 0 to 90 degrees at which a learner's policy acts most as wanted.
+def search(policies_at: PoliciesAt, episodes: Demonstrations) -> AngleSearch:
+    """Find the angle from 0 to 90 degrees at which a learner's policy acts most as episodes.
 
     A policy's measure is the likelihood of the wanted actions under softmax(Q/τ).
 
     Args:
         policies_at: Trains policies.
-        wanted: Episodes of wanted behaviour, with the observations of the training; their rewards
+        episodes: Episodes of wanted behaviour, with the observations of the training; their rewards
             aren't read.
 
     Returns:
@@ -55,10 +55,10 @@ def search(policies_at: PoliciesAt, wanted: Demonstrations) -> AngleSearch:
     Raises:
         UserError: If there are fewer than two episodes, since an interval needs them.
     """
-    n_episodes = len(wanted.episode_starts)
+    n_episodes = len(episodes.episode_starts)
     if n_episodes < 2:
         raise UserError("an angle is searched with two or more episodes of wanted behaviour")
-    of_episodes = _likelihoods(policies_at(ANGLES), wanted)
+    of_episodes = _likelihoods(policies_at(ANGLES), episodes)
     draws = np.random.default_rng(0).multinomial(
         n_episodes, np.full(n_episodes, 1.0 / n_episodes), RESAMPLES
     )
@@ -66,20 +66,20 @@ def search(policies_at: PoliciesAt, wanted: Demonstrations) -> AngleSearch:
     low, high = np.quantile(chosen, (0.025, 0.975), method="nearest")
     totals = of_episodes.sum(axis=1)
     table = [
-        {"angle": angle, "log_likelihood": float(total / len(wanted.action))}
+        {"angle": angle, "log_likelihood": float(total / len(episodes.action))}
         for angle, total in zip(ANGLES, totals, strict=True)
     ]
     return AngleSearch(ANGLES[int(np.argmax(totals))], float(low), float(high), table)
 
 
 def _likelihoods(
-    policies: Sequence[Any], wanted: Demonstrations
+    policies: Sequence[Any], episodes: Demonstrations
 ) -> Float[np.ndarray, "policy episode"]:
     """Return the log-likelihood of each wanted episode's actions under each policy."""
-    rows = np.arange(len(wanted.action))
+    rows = np.arange(len(episodes.action))
     likelihoods = []
     for policy in policies:
-        chances = policy.probabilities(wanted.observation)[rows, wanted.action]
+        chances = policy.probabilities(episodes.observation)[rows, episodes.action]
         of_actions = np.log(np.maximum(chances, 1e-12))
-        likelihoods.append(np.add.reduceat(of_actions, wanted.episode_starts))
+        likelihoods.append(np.add.reduceat(of_actions, episodes.episode_starts))
     return np.stack(likelihoods)

@@ -80,12 +80,7 @@ def read_onnx(
     if not integers and len(shape) != 1:
         raise UserError(f"{source} answers scores of shape {shape}: it must be one of each action")
     if world is None:
-        if integers:
-            raise UserError(
-                f"{source} answers whole numbers, of any range: give n_features and n_actions"
-            )
-        continuous = output.name == _ACTIONS
-        world = Interface(n_features, *((0, shape[0]) if continuous else (shape[0], 0)))
+        world = _named_interface(source, n_features, shape, output.name, integers)
     if world.action_size and integers:
         raise UserError(f"{source} answers whole numbers: this world takes continuous actions")
     if not world.action_size and not integers and output.name == _ACTIONS:
@@ -117,6 +112,18 @@ def read_onnx(
     details: dict[str, Any] = {"operators": operators, "answers": answers}
     details |= {DATA_FILES: list(data)} if data else {}
     return BatchPolicy(source, interface, decide), details, sha256_of_parts(content, data)
+
+
+def _named_interface(
+    source: str, n_features: int, shape: tuple[int, ...], output: str, integers: bool
+) -> Interface:
+    """Return the interface of a world that fits the file: scores, or continuous actions."""
+    if integers:
+        raise UserError(
+            f"{source} answers whole numbers, of any range: give n_features and n_actions"
+        )
+    continuous = output == _ACTIONS
+    return Interface(n_features, *((0, shape[0]) if continuous else (shape[0], 0)))
 
 
 def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
