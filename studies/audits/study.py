@@ -6,7 +6,7 @@ The thesis says that a recovered angle allows others to verify a declared one (7
 import datetime
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from socialiq import Margin, RewardPair, score
 from socialiq.audit.conduct import conduct
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.profile.template import floor_at
-from socialiq.audit.report.words import arcs
+from socialiq.audit.report.words import degrees
 from socialiq.audit.request import Request
 from socialiq.audit.seeds import check_episodes
 from socialiq.audit.verdict.decision import Decision
@@ -97,6 +97,15 @@ def _value_sd(mode: str, angle: float) -> float:
     """Return the largest possible standard deviation of R(α) of an episode."""
     env, social = (abs(weight) for weight in exact_weights(angle))
     return env * TABLE_A_1[mode]["g_env"][1] + social * TABLE_A_1[mode]["g_social"][1]
+
+
+def _arcs(ranges: Sequence[Mapping[str, float]]) -> str:
+    """Return whole arcs in one line; those that begin beyond 180 degrees begin below 0."""
+    texts = []
+    for arc in ranges:
+        low = arc["low"] - 360.0 * (arc["low"] > 180.0)
+        texts.append(f"{degrees(low)} to {degrees(low + arc['high'] - arc['low'])}")
+    return ", ".join(texts) or "none"
 
 
 def _explained(mode: str, margin: float) -> str:
@@ -276,7 +285,7 @@ def audit_rows(
         computed = {
             "decided_by": "" if decision == "pass" else ", ".join(deciding),
             "min_arrival": policy.floor.min_arrival,
-            "explained": arcs(tests["rationalised"]["arcs"]),
+            "explained": _arcs(tests["rationalised"]["arcs"]),
         }
         row = {
             "world": policy.world,
