@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from socialiq.errors import one_of
 from socialiq.evaluation.episodes import episodes_of, outcome_row, reward_row
 from socialiq.evaluation.measures import Episodes
+from socialiq.foreign import optional
 from socialiq.results_folder import Results
 from socialiq.types import Row
 from socialiq.worlds.highway import render, sheet
@@ -34,9 +35,11 @@ def jobs(config: Any) -> list[Job]:
     """Return a job for each population, and one for each interpretation of the reward.
 
     Raises:
-        UserError: If the back end is unknown.
+        UserError: If the back end is unknown or not installed.
     """
     one_of("back_end", config.back_end, tuple(BATCH))
+    if config.back_end == "highway_env":
+        optional("highway_env", "highway", "this back end")
     fewer = min(config.reading_episodes, config.episodes)
     return [
         Job(f"outcomes/{name}", outcomes, Part(config, name), cost=float(config.episodes))

@@ -9,18 +9,16 @@ from typing import Any
 
 import socialiq
 from socialiq.errors import one_of
-from socialiq.results_folder import from_csv
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import RewardPair, Row
-from socialiq_lab.jobs import Inputs, Job, ProgressCallback, write_rows
+from socialiq_lab.jobs import Job, StageCallback, keeps_rows
 from socialiq_lab.registry import declaration
-from socialiq_lab.study import Context, Findings
+from socialiq_lab.study import Context, Findings, tracked
 from socialiq_lab.tables import column, labelled, mean
 
 MODULE = "studies.own_data.environments"
 SETS: dict[str, Mapping[str, Any]] = declaration("own-data")["set"]
 METHODS: dict[str, Mapping[str, Any]] = declaration("own-data")["method"]
-ROWS = "rows.csv"
 BEST = "best demonstrator"
 RANDOM = "random"
 STATISTICS = {"share": statistics.fmean, "least": min, "most": max}
@@ -62,15 +60,16 @@ def jobs(config: Any) -> list[Job]:
     ]
 
 
-def compare(
-    config: Comparison, folder: Path, _inputs: Inputs, on_progress: ProgressCallback
-) -> None:
-    """Log episodes of the rules, train every method on them, and write J(α) of each policy.
+@keeps_rows
+def compare(config: Comparison, _folder: Path, on_stage: StageCallback) -> dict[str, list[Row]]:
+    """Log episodes of the rules, train every method on them, and evaluate each policy.
 
     Args:
         config: Set, methods, angles, seed, and numbers of episodes.
-        folder: Folder of the job, to which the rows are written.
-        on_progress: Callback of the finished share, 0 to 1.
+        on_stage: Shows the progress.
+
+    Returns:
+        Rows of J(α) of each policy, as "policies".
     """
     declared = SETS[config.set]
     world = declared["world"]
@@ -93,7 +92,7 @@ def compare(
         rows.append(label | {"method": RANDOM, "value": score(weights, random)})
         best = max(score(weights, pair) for pair in of_rules)
         rows.append(label | {"method": BEST, "value": best})
-    for number, name in enumerate(config.methods):
+    for name in tracked(config.methods, on_stage, "training", "methods"):
         method = METHODS[name]
         settings = dict(method.get("settings", {}))
         if not method.get("dial"):
@@ -103,8 +102,7 @@ def compare(
             label = {"set": config.set, "seed": config.seed, "angle": angle}
             value = score(exact_weights(angle), returns(policy))
             rows.append(label | {"method": name, "value": value})
-        on_progress((number + 1) / len(config.methods))
-    write_rows(folder / ROWS, rows)
+    return {"policies": rows}
 
 
 def _at(trained: Sequence[Any], angles: Sequence[float]) -> Sequence[Any]:
@@ -112,20 +110,17 @@ def _at(trained: Sequence[Any], angles: Sequence[float]) -> Sequence[Any]:
     return trained if len(trained) == len(angles) else [trained[0].at(angle) for angle in angles]
 
 
-def compute_tables(config: Any, context: Context) -> Findings:
+def compute_tables(_config: Any, context: Context) -> Findings:
     """Return J(α) of every policy, and its share of the best demonstrator's gain over random.
 
     Args:
-        config: Configuration of the study.
         context: Finished jobs and their work folder.
 
     Returns:
         Tables `policies` and `shares`, and an empty summary. Gains are summed over the angles,
         since at a single one random actions may be as good as the best demonstrator.
     """
-    rows: list[Row] = []
-    for name, seed in product(config.sets, config.seeds):
-        rows += from_csv(context.work / name / str(seed) / ROWS)
+    rows = context.tables()["policies"]
     totals = {
         (label["set"], label["seed"], label["method"]): mean(group, "value")
         for label, group in labelled(rows, "set", "seed", "method")

@@ -131,6 +131,7 @@ ALONE: dict[str, tuple[object, ...]] = {
         "dial", "--world", "crosswalk7", "--preset", "online-classes", *ACTED,
     ),
     "dial/intersection": ("dial", "--world", "intersection", *ACTED, "demonstrations=false"),
+    "dqn": ("dqn", "--world", "crossing7", "--updates", 6, "--hidden", 8, "--angle", 0, 45),
     "dial/merge": ("dial", "--world", "merge", *ACTED, "demonstrations=false"),
     "improve-dial/intersection": ("improve-dial", CLOCK_DIAL, *LABELLED),
     "improve-dial/caused": (

@@ -41,6 +41,7 @@ BASES: dict[str, list[str]] = {
     "train driver": ["--set", "updates=1", "--set", "states_per_update=1", *NEW],
     "train improve-dial": [DIAL, "--updates", "2", "--set", "states_per_update=1", *NEW],
     "train sac": ["--world", "Pendulum-v1", *TINY],
+    "train dqn": ["--world", "crossing5", *TINY],
     "train td3-bc": [DATA, *TINY],
     "train behaviour-cloning": [DATA, *TINY],
     "train cql": [DATA, *TINY],
@@ -51,6 +52,10 @@ BASES: dict[str, list[str]] = {
     "ensemble": [POLICY, POLICY, "--out", OUT],
     "unlikeness": ["prosocial", "--episodes", "2", "--out", OUT],
     "evaluate": [POLICY, "--world", "crossing5", "--shield", "0"],
+    "plot ring": [POLICY, "--world", "crossing5", "--out", f"{OUT}.png"],
+    "plot stops": [POLICY, "--out", f"{OUT}.png"],
+    "plot sweep": ["{ok}/nowhere", "--out", f"{OUT}.png"],
+    "completion": ["bash"],
     "effects": [
         "intersection",
         "--policy",

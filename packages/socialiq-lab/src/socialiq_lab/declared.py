@@ -199,7 +199,7 @@ def _jobs(content: Mapping[str, Any], module: Any, config: Any) -> Sequence[Job]
     plan = _Plan.of(content, module, config)
     if _computes(module):
         own = getattr(module, "jobs", None)
-        return own(config) if own else []
+        return list(own(config)) if own else []
     from socialiq_lab.gridworld_runs import train_declared
 
     plan.rehearse(config)

@@ -114,7 +114,7 @@ class EffectsOf(Printing):
         """Drive, write the folder."""
         check_seed(self.seed)
         written = self.road.written(self.world, self._named)
-        simulated = is_environment(written.name)
+        simulated = not written.is_built and is_environment(written.name)
         if not (written.is_built or simulated or names_file(written.name)):
             one_of("world", written.name, (*NAMES, *SUMO_IDS))
         if self.angle and all(angle is None for _, angle in self.drivers()):

@@ -79,13 +79,13 @@ def _plain_value(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | Non
     if not isinstance(rule, PrimitiveConstructorSpec):
         return None
 
-    def words(value: Any) -> list[str]:
+    def texts(value: Any) -> list[str]:
         return ["unset"] if value in (None, "", (), []) else rule.str_from_instance(value)
 
     def fits(value: Any) -> Any:
         return value is None or rule.is_instance(value)
 
-    return dataclasses.replace(rule, str_from_instance=words, is_instance=fits)
+    return dataclasses.replace(rule, str_from_instance=texts, is_instance=fits)
 
 
 def every_command() -> Any:

@@ -1,6 +1,6 @@
 """`plot ring`, `stops` and `sweep`: figures of the thesis, drawn of your own policies."""
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -46,9 +46,10 @@ class _Plot:
 class _OfPolicies(_Plot):
     """Base of commands that draw a figure of policies."""
 
-    policies: Paths
+    policies: Paths = ()
     """Policy files, of `socialiq train`, or other drivers as `socialiq evaluate` takes them; a dial
     at an angle is dial.safetensors@45."""
+    _: KW_ONLY
     out: Path
     """PNG file to write."""
     soft: bool = False
