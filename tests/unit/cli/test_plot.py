@@ -35,7 +35,7 @@ def files(folder):
 
 
 def test_policies_of_one_angle_are_one_mark_with_their_range(runs, tmp_path, capsys):
-    (axes,) = Ring(files(runs / "one"), tmp_path / "ring.png").figure().axes
+    (axes,) = Ring(files(runs / "one"), out=tmp_path / "ring.png").figure().axes
     (label,) = axes.get_legend_handles_labels()[1]
     angles = []
     for file in files(runs / "one"):
@@ -47,7 +47,7 @@ def test_policies_of_one_angle_are_one_mark_with_their_range(runs, tmp_path, cap
 
 def test_drivers_of_any_world_are_on_the_ring_with_the_interval_of_their_episodes(tmp_path):
     words = (Path("go"), Path("random"))
-    (axes,) = Ring(words, tmp_path / "r.png", world="merge", episodes=4).figure().axes
+    (axes,) = Ring(words, out=tmp_path / "r.png", world="merge", episodes=4).figure().axes
     labels = axes.get_legend_handles_labels()[1]
     assert [label.partition(":")[0] for label in labels] == ["go", "random"]
     assert all("° to " in label for label in labels)
@@ -55,7 +55,7 @@ def test_drivers_of_any_world_are_on_the_ring_with_the_interval_of_their_episode
 
 def test_maps_show_where_the_policy_stops(runs, tmp_path):
     (file, _) = files(runs / "one")
-    picture = Stops((file,), tmp_path / "stops.png").figure()
+    picture = Stops((file,), out=tmp_path / "stops.png").figure()
     _, below = (axes.images[0].get_array() for axes in picture.axes if axes.images[:1])
     part = Ground.of("crossing7").part
     rows = stop_rows(part, "it", *visited(part, action_table(QPolicy.load(file), part, "greedy")))

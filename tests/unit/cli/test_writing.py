@@ -81,7 +81,7 @@ MORE = [
 LATE = (*TRAINING, *LONG, "data conflicts", "data census")
 """Commands that work for seconds before they write."""
 LACKING = ("train improve-dial", "train td3-bc", "train own", "train practised-dial")
-LACKING += ("data from-minari", "population intersection")
+LACKING += ("data from-minari", "population intersection", "plot stops", "plot sweep")
 """Commands of which the tests lack a sample."""
 
 
