@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+import pickle
 import tomllib
 from types import SimpleNamespace
 
@@ -413,3 +414,11 @@ def test_every_study_has_a_title_a_tiny_preset_that_fits_and_references_that_res
 def test_a_study_that_has_retired_names_its_page():
     with pytest.raises(UserError, match="has retired: docs/studies/history"):
         registry.find("roads")
+
+
+def test_settings_go_to_another_process_by_their_values():
+    config = registry.find("theory").Config()
+    received = pickle.loads(pickle.dumps(config))
+    assert dataclasses.asdict(received) == dataclasses.asdict(config)
+    again = pickle.loads(pickle.dumps(received))
+    assert dataclasses.asdict(again) == dataclasses.asdict(config)

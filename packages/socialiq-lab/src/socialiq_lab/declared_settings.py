@@ -58,8 +58,21 @@ def config_class(
         if check is not None:
             check(config)
 
-    namespace = {"__post_init__": refuse}
+    namespace = {"__post_init__": refuse, "__reduce__": _as_values}
     return dataclasses.make_dataclass("Config", fields, frozen=True, namespace=namespace)
+
+
+def _as_values(config: Any) -> tuple[Callable[..., Any], tuple[dict[str, Any]]]:
+    """Pickle settings by their values: another process can't import a class that is made here."""
+    names = [field.name for field in dataclasses.fields(config)]
+    return _of_values, ({name: getattr(config, name) for name in names},)
+
+
+def _of_values(values: dict[str, Any]) -> Any:
+    """Return settings of values that were checked before."""
+    namespace = {"__reduce__": _as_values}
+    kind = dataclasses.make_dataclass("Config", [*values], frozen=True, namespace=namespace)
+    return kind(**values)
 
 
 def settings_of(name: str, of: str, **changes: Any) -> Any:
