@@ -20,6 +20,9 @@ from socialiq_lab.registry import STUDIES, declaration
 VOLATILE = ("seconds", "longest", "updates_per_second", "device", "rate")
 """Columns of times, which differ from run to run."""
 VOLATILE_TABLES = ("times", "speed", "speeds")
+OF_THE_PROCESSOR = {"audits": ("audits", "summary")}
+"""Tables of audits of policies that are trained here: the file's hash decides the episodes, and the
+last bits of its weights depend on the processor."""
 
 NEEDS = {
     "influence-zone": ("sklearn",),
@@ -63,6 +66,8 @@ def hashes_of(results: Any, work: Path) -> Hashes:
         if table not in VOLATILE_TABLES
     }
     hashes["summary"] = of_plain(without_times(results.summary))
+    for table in OF_THE_PROCESSOR.get(results.study, ()):
+        del hashes[table]
     if results.files:
         hashes["files"] = of_plain(sorted(results.files))
     networks = sorted(work.rglob("*.safetensors"))
