@@ -1,4 +1,4 @@
-"""What the defaults are worth on logged data of environments that are not ours."""
+"""Comparison of the defaults on logged data of environments that are not ours."""
 
 import statistics
 from collections.abc import Mapping, Sequence

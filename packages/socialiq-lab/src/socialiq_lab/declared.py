@@ -97,7 +97,7 @@ def declared_study(name: str, content: Mapping[str, Any], module: Any = None) ->
 
 
 class _Plan(NamedTuple):
-    """What a declaration says to do, its settings filled in."""
+    """Trainings, tables, figures and views of a declaration, its settings filled in."""
 
     trainings: list[Training]
     tables: list[dict[str, Any]]
