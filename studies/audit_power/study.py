@@ -36,11 +36,10 @@ def table_rows(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, 
     return {part.of: TABLES[part.of](part.study, on_stage)}
 
 
-def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
+def compute_tables(_config: Any, context: Context) -> Findings:
     """Return what the jobs have kept.
 
     Args:
-        config: Configuration of the study.
         context: The finished jobs.
 
     Returns:

@@ -66,11 +66,10 @@ def exact_optima(part: Part, _folder: Path, _on_stage: StageCallback) -> dict[st
     return {"optima": list(ground.optima(config.every)), "counts": [counts]}
 
 
-def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
+def compute_tables(_config: Any, context: Context) -> Findings:
     """Return what the jobs have kept.
 
     Args:
-        config: Configuration of the study.
         context: The finished jobs.
 
     Returns:

@@ -109,11 +109,10 @@ def estimates(part: Part, _folder: Path, on_stage: StageCallback) -> dict[str, l
     return {"estimates": rows}
 
 
-def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
+def compute_tables(_config: Any, context: Context) -> Findings:
     """Return what the jobs have kept, and the coverage of each estimator.
 
     Args:
-        config: Configuration of the study.
         context: The finished jobs.
 
     Returns:

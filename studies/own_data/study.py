@@ -1,7 +1,7 @@
 """Comparison of the defaults on logged data of environments that are not ours."""
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -98,16 +98,13 @@ def compare(config: Comparison, _folder: Path, on_stage: StageCallback) -> dict[
         if not method.get("dial"):
             settings["angle"] = list(config.angles)
         trained = socialiq.train(method["learner"], data, seed=config.seed, **settings).trained
-        for angle, policy in zip(config.angles, _at(trained, config.angles), strict=True):
+        if method.get("dial"):
+            trained = [trained[0].at(angle) for angle in config.angles]
+        for angle, policy in zip(config.angles, trained, strict=True):
             label = {"set": config.set, "seed": config.seed, "angle": angle}
             value = score(exact_weights(angle), returns(policy))
             rows.append(label | {"method": name, "value": value})
     return {"policies": rows}
-
-
-def _at(trained: Sequence[Any], angles: Sequence[float]) -> Sequence[Any]:
-    """Return a policy for each angle: those that were trained, or the one dial turned to it."""
-    return trained if len(trained) == len(angles) else [trained[0].at(angle) for angle in angles]
 
 
 def compute_tables(_config: Any, context: Context) -> Findings:

@@ -172,11 +172,10 @@ def check_rows(config: Any, grid: Grid, on_stage: StageCallback) -> Iterator[Row
         yield row | {"caught": caught.mean() if share else ""}
 
 
-def compute_tables(config: Any, context: Context) -> Findings:  # noqa: ARG001
+def compute_tables(_config: Any, context: Context) -> Findings:
     """Find breakdown points and policies that pass.
 
     Args:
-        config: Configuration of the study.
         context: The finished jobs.
 
     Returns:

@@ -136,3 +136,9 @@ def test_a_run_without_strengths_or_of_two_targets_is_no_sweep(runs, tmp_path, m
     for folder, line in (("two", "runs of 2 target angles"), ("cql", "has no greedy_angle")):
         assert main(["plot", "sweep", folder, "--out", "a.png"]) == 2
         assert line in capsys.readouterr().err
+
+
+def test_metrics_without_a_row_are_no_sweep(tmp_path, capsys):
+    (tmp_path / "metrics.csv").write_text("strength,greedy_angle,angle_target\n")
+    assert main(["plot", "sweep", str(tmp_path), "--out", str(tmp_path / "a.png")]) == 2
+    assert "has no strength" in capsys.readouterr().err and not (tmp_path / "a.png").exists()

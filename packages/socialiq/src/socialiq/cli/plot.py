@@ -1,6 +1,6 @@
 """`plot ring`, `stops` and `sweep`: figures of the thesis, drawn of your own policies."""
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,6 +8,7 @@ import tyro
 
 from socialiq.cli import drivers
 from socialiq.cli.evaluate import Evaluate, Measured
+from socialiq.cli.parser import Paths
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation import exact
 from socialiq.evaluation.exact import optimum_of
@@ -21,8 +22,6 @@ from socialiq.results_folder import from_csv
 from socialiq.social.angle import angle_of, pooled_angle
 from socialiq.storage import read_json, write_atomically
 from socialiq.worlds import catalogue, registry
-
-Paths = Annotated[tuple[Path, ...], tyro.conf.Positional]
 
 
 class _Plot:
@@ -46,10 +45,9 @@ class _Plot:
 class _OfPolicies(_Plot):
     """Base of commands that draw a figure of policies."""
 
-    policies: Paths = ()
+    policies: Paths
     """Policy files, of `socialiq train`, or other drivers as `socialiq evaluate` takes them; a dial
     at an angle is dial.safetensors@45."""
-    _: KW_ONLY
     out: Path
     """PNG file to write."""
     soft: bool = False
@@ -166,7 +164,7 @@ class Sweep(_Plot):
         """Read metrics.csv, and draw."""
         rows = from_csv(self.folder / "metrics.csv")
         for name in ("strength", "greedy_angle", "angle_target"):
-            if name not in rows[0]:
+            if not rows or name not in rows[0]:
                 raise UserError(
                     f"{self.folder / 'metrics.csv'} has no {name}: train iq-learn in a gridworld, "
                     "with --strength"
@@ -177,7 +175,7 @@ class Sweep(_Plot):
         target = targets.pop()
         goal = self.goal
         if goal is None:
-            world = registry.make_grid(read_json(self.folder / "run.json")["world"])
+            world = registry.make_grid(read_json(self.folder / "run.json").get("world", ""))
             goal = angle_of(*optimum_of(world).attainable.optimum(target).point)
         checkpoints = [row | {"angle": row["greedy_angle"]} for row in rows]
         title = f"Angle of the greedy policy for each λ, target {target:g}°"

@@ -118,8 +118,8 @@ class IQLearn(shared.Training):
         if self.angle_from:
             searched = self.searched(data, static, runs[0], functions)
             runs = [replace(run, angle=searched.angle) for run in runs]
-            wanted = shared.described_file(self.angle_from)
-            record = {"angle_search": {"wanted": wanted} | asdict(searched)}
+            behaviour = shared.described_file(self.angle_from)
+            record = {"angle_search": {"behaviour": behaviour} | asdict(searched)}
         return _trained(self, data, static, runs, functions, self.world, record)
 
     def searched(
@@ -146,8 +146,8 @@ class IQLearn(shared.Training):
                 "--angle-from decides the angle: leave out --angle and --resume, and give one "
                 "--strength"
             )
-        wanted = files.load(self.angle_from)
-        sizes = wanted.n_features, wanted.n_actions
+        behaviour = files.load(self.angle_from)
+        sizes = behaviour.n_features, behaviour.n_actions
         if sizes != (data.n_features, data.n_actions):
             raise UserError(
                 f"{self.angle_from} has {sizes[0]} features and {sizes[1]} actions, and the "
@@ -167,7 +167,7 @@ class IQLearn(shared.Training):
                 raise UserError(f"--angle-from needs policies with an angle: {reason}")
             return [trained.policy(number) for number in range(len(runs))]
 
-        searched = search(policies_at, wanted)
+        searched = search(policies_at, behaviour)
         say(
             f"angle of {self.angle_from}: {searched.angle:g} degrees (95 %: {searched.low:g} to "
             f"{searched.high:g})"
